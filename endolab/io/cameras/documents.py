@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import re
+from contextlib import suppress
 from typing import Any
 from xml.etree import ElementTree
 
@@ -15,7 +16,6 @@ from endolab.numerics.checks import shorten
 
 ROWS = "rows of words"  # key of a file that holds nothing else
 INI = "[sections]"  # likewise, unread
-MOST = 1000  # numbers of an array
 
 
 def read_document(path: PathLike) -> Any:
@@ -31,7 +31,11 @@ def read_document(path: PathLike) -> Any:
         if content.startswith(b"PK\3\4"):
             kind = "NumPy's .npz"
             with np.load(io.BytesIO(content), allow_pickle=False) as archive:
-                return {name: _values_of_array(archive, name) for name in archive.files}
+                found = {}
+                for name in archive.files:
+                    with suppress(ValueError):  # Python's objects, which are left alone
+                        found[name] = archive[name].tolist()
+                return found
         text = _decode(content).lstrip("\ufeff \t\r\n")
         lines = [line for line in text.splitlines() if not re.match(r"\s*(#|$)", line)]
         if text.startswith("<"):
@@ -64,14 +68,6 @@ def _decode(content: bytes) -> str:
         return re.sub(
             rb"[\x80-\xff][\x40-\x5a\\\x61-\x7a\x80-\xff]?", b"?", content
         ).decode()
-
-
-def _values_of_array(archive: Any, name: str) -> Any:
-    try:
-        array = archive[name]
-    except ValueError:  # Python's objects, which are left alone
-        return None
-    return array.tolist() if array.size <= MOST else None
 
 
 def _as_number(word: str) -> float | str:

@@ -9,13 +9,13 @@ from typing import Any
 
 from endolab.io.atomic import PathLike
 from endolab.io.cameras.documents import INI, read_document
-from endolab.io.cameras.readers import MissingSize, Size, list_cameras, make_camera
+from endolab.io.cameras.readers import MissingSize, Size, leaves, list_cameras, make_camera
 from endolab.model.cameras import Camera
 from endolab.model.endoscope import NOMINAL_LIGHT, Calibration
 from endolab.model.photometry import NOMINAL
 from endolab.numerics.checks import shorten, unknown_name
 
-# What is not read, by a suffix or by a key, and the way on.
+# What is not read, by how a suffix or a key begins, and the way on.
 WAYS_ON = {
     ".bin": "COLMAP's binary: `colmap model_converter --output_type TXT` makes cameras.txt of it",
     INI: "an .ini: ROS's `camera_calibration_parsers convert` makes YAML of it, and its .yaml is beside it",
@@ -38,16 +38,10 @@ def split_choice(name: PathLike) -> tuple[str, str | None]:
 
 def _choose(file: str, which: str | None, document: Any, size: Size | None) -> Calibration:
     """Make a calibration of a document that is not endolab's, with evidence of where it is from."""
-    inside = document if isinstance(document, dict) else {}
-    keys = [Path(file).suffix, *inside]
-    keys += [
-        f"{key}.{one}"
-        for key in inside
-        if isinstance(inside[key], dict)
-        for one in inside[key]
-    ]
-    for key in WAYS_ON.keys() & keys:
-        raise ValueError(WAYS_ON[key])
+    names = [Path(file).suffix, *(name for name, _ in leaves(document))]
+    for known, way in WAYS_ON.items():
+        if any(name.startswith(known) for name in names):
+            raise ValueError(way)
     form, cameras = list_cameras(document)
     if not cameras:
         raise ValueError(
@@ -67,8 +61,8 @@ def _choose(file: str, which: str | None, document: Any, size: Size | None) -> C
 
 def _check_camera(camera: Any) -> str:
     """Say that the centre is far off the middle of the picture; ValueError for what no camera has."""
-    focal = camera.a[0] if hasattr(camera, "a") else camera.fx
-    if abs(focal) < LEAST_FOCAL * camera.width:
+    focal = getattr(camera, "fx", camera.width)
+    if focal < LEAST_FOCAL * camera.width:
         raise ValueError(
             f"fx {focal:g} of {camera.width} columns: normalised by the size, or in mm? Expected px"
         )

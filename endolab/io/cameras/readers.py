@@ -17,26 +17,36 @@ from endolab.model.cameras import BrownConrady, Camera, KannalaBrandt, Pinhole, 
 from endolab.numerics.checks import shorten
 
 Size = tuple[int, int]  # columns and rows, px
-NAMED = "by its names, as of OpenCV, ROS, ORB-SLAM, nerfstudio or NumPy"
+NAMED = "by its names, as of OpenCV, ROS, Kalibr, ORB-SLAM, nerfstudio or NumPy"
 MATRIX = "rows of a matrix, taken for a pinhole's"
-KALIBR = "Kalibr's camchain"
 COLMAP = "COLMAP's cameras.txt"
 VICALIB = "Vicalib's XML"
 C3VD = "C3VD's a0 to a4"
 BROWN = "brown"
 FISHEYE = "fisheye"
 
-# All names below are without case and punctuation.
-# The lenses of all programs, which are of two kinds.
+# The lenses of all programs, which are of two kinds. All names are without case and punctuation.
 LENSES = {
     FISHEYE: r"equi(distant)?|(opencv|(simple)?(radial)?)fisheye|kannalabrandt[48]?|calibufufvu0v0kb4",
     BROWN: r"none|radtan|radialtangential|plumbbob|rationalpolynomial|rectified|brown(conrady)?|"
     r"(simple)?(pinhole|radial)|(full)?opencv|calibufufvu0v0(k1k2(k3)?|rational6)?",
 }
-# What may stand before a name and says nothing.
-WORDS = r"(?:raw|input|camera|cam|image|img|intrinsics?|calibration|distortion|size|opencvstorage)"
-# What a name means, by the value it has: a number, a text, or a list of so many numbers, or of any.
-TERMS: tuple[str, ...] = (
+# Before a name, which camera's it is, and words that say nothing; behind it, which camera's again.
+WORDS = r"(?:raw|input|camera|cam|image|img|intrinsics?|calibration|distortion|size|opencvstorage)*"
+NAME = rf"{WORDS}?((?:cam|camera)?[0-3]|left|right)?{WORDS}(?:%s)([0-3lr]|left|right)?"
+# What a name means, by its value: a number, a text, or a list.
+NUMBER = {
+    "width": "width|w|nx",
+    "height": "height|h|ny",
+    "fx": "fx|fu",
+    "fy": "fy|fv",
+    "flx": "flx",  # nerfstudio's
+    "fly": "fly",
+    "cx": "cx|ppx|u0",
+    "cy": "cy|ppy|v0",
+    "fisheye": "(is)?fisheye(model)?",
+}
+TERMS = [
     "k1",
     "k2",
     "p1",
@@ -45,34 +55,17 @@ TERMS: tuple[str, ...] = (
     "k4",
     "k5",
     "k6",
-)  # OpenCV's coefficients, in its order
-NUMBER = {term: term for term in TERMS} | {
-    "width": "width|w|nx",
-    "height": "height|h|ny",
-    "f": "f|focal(length)?",
-    "fx": "fx|fu|focal(length)?x",
-    "fy": "fy|fv|focal(length)?y",
-    "flx": "flx",  # nerfstudio's
-    "fly": "fly",
-    "cx": "cx|ppx|u0|principalpointx",
-    "cy": "cy|ppy|v0|principalpointy",
-    "skew": "skew|alphac",
-    "fisheye": "(is)?fisheye(model)?",
-}
-TEXT = {
-    "model": "distortion(model|type)?",
-    "lens": "model|(camera|lens|projection)(model|type)",
-}
+]  # OpenCV's coefficients, in its order
+NUMBER |= {term: term for term in TERMS}
+TEXT = {"model": "distortion(model|type)?", "lens": "(camera|lens|projection)?(model|type)"}
 LIST = {
     "size": "size|resolution",
-    "f": "f|fc|focal(length)?",
-    "c": "c|cc|cent(er|re)|principalpoint",
     "four": "intrinsics",
     "unsure": "k|kc|coeffs|dist(ortion)?param(eter)?s",  # whose four may be of either kind
     "k": "d|dist(ortion)?(coeff?(icient)?s?)?",
     "matrix": "k|kk|m|mtx|matrix|intrinsics",
 }
-COUNTS = {"four": (4,), "unsure": (4, 5, 8, 12, 14)}
+COUNTS = {"four": (4, 5, 6), "unsure": (4, 5, 8, 12, 14), "matrix": (0, 9, 12, 16)}
 # What else a file may say, and is not asked for: errors, flags, boards, poses, what was rectified.
 PASSING = re.compile(
     r"err|\brms|\bstd|flag|board|pattern|square|marker|grid|corner|pose|[rt]vec|points|rectif|proj|"
@@ -80,6 +73,7 @@ PASSING = re.compile(
 )
 OF_A_LENS = re.compile(r"radial|tangential|distort|coeff|(k[1-6]|p[12])$")
 OF_A_SIZE = re.compile(r"width|height|cols|columns|rows|size|shape|resolution")
+KALIBRS = ("ds", "eucm", "omni")  # lenses that are not read
 # mrcal's and MATLAB's
 GONE = {"lensmodel", "RadialDistortion", "MappingCoefficients", "ss"}
 
@@ -102,18 +96,16 @@ def numbers(value: Any, count: int | None = None) -> tuple[float, ...]:
 
 def _few_numbers(value: Any) -> list[float]:
     """Return the numbers of a number, a list, a row or a column, of 16 at most; none of all else."""
-    rows = [one if isinstance(one, list) else [one] for one in _as_list(value)[:17]]
-    found = [one for row in rows for one in row[:17]]
-    is_flat = min(len(rows), *map(len, rows), 17) < 2 and len(found) < 17
-    return found if is_flat and all(type(n) in (int, float) for n in found) else []
-
-
-def _as_list(value: Any) -> list[Any]:
-    return value if isinstance(value, list) else [value]
+    row = value if isinstance(value, list) else [value]
+    if len(row) == 1 and isinstance(row[0], list):
+        row = row[0]
+    found = [n[0] if isinstance(n, list) and len(n) == 1 else n for n in row[:17]]
+    is_few = len(found) < 17 and all(type(n) in (int, float) for n in found)
+    return found if is_few else []
 
 
 def _plain(name: str) -> str:
-    return re.sub(r"[\W_]", "", name).lower()
+    return re.sub(r"[^a-z0-9.]", "", name.lower())
 
 
 def _lens(name: str) -> str:
@@ -121,8 +113,7 @@ def _lens(name: str) -> str:
     for kind, pattern in LENSES.items():
         if re.fullmatch(pattern, _plain(name)):
             return kind
-    is_kalibrs = _plain(name) in ("ds", "eucm", "omni")
-    way = "; calibrate with Kalibr's --models pinhole-equi" if is_kalibrs else ""
+    way = "; calibrate with Kalibr's --models pinhole-equi" if name in KALIBRS else ""
     raise ValueError(f"no lens {shorten(name)} is known here{way}")
 
 
@@ -157,81 +148,76 @@ def _camera(
 
 
 # Names ---------------------------------------------------------------------------------
-def _leaves(
-    value: Any, path: tuple[str, ...] = ()
-) -> Iterator[tuple[tuple[str, ...], Any]]:
-    """Go through what a document says: keys, from the outermost on, and a number, a text or a list."""
+def leaves(value: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[str, Any]]:
+    """Go through what a document says: names, as ``camera.fx``, and a number, a text or a list."""
     is_matrix = isinstance(value, dict) and isinstance(value.get("data"), list)
-    inner = value if isinstance(value, dict) and not is_matrix else {}
-    if isinstance(value, list) and value and isinstance(value[0], dict):
-        inner = dict(enumerate(value))
-    for key, one in inner.items() if len(path) < 5 else ():
-        yield from _leaves(one, (*path, *str(key).split(".")))
-    if not inner:
-        yield path, value["data"] if is_matrix else value
+    if isinstance(value, dict) and not is_matrix and len(path) < 6:
+        for key, inner in value.items():
+            yield from leaves(inner, (*path, str(key)))
+    else:
+        yield ".".join(path), value["data"] if is_matrix else value
 
 
 def _meaning(name: str, value: Any) -> tuple[str, str]:
-    """Tell what a name means, and of which of several cameras; twice "" if it is not known."""
+    """Tell which of several cameras a name is of, and what it means; twice "" if it is not known."""
     table = TEXT if isinstance(value, str) else LIST if isinstance(value, list) else NUMBER
     for meaning, names in table.items():
-        pattern = rf"{WORDS}*(left|right|[0-3])?{WORDS}*(?:{names})(left|right|[0-3lr])?"
-        found = re.fullmatch(pattern, name)
+        found = re.fullmatch(NAME % names, _plain(name).replace(".", ""))
         if found and len(_few_numbers(value)) in COUNTS.get(meaning, range(17)):
-            return meaning, found[1] or found[found.re.groups] or ""
+            return found[1] or found[found.re.groups] or "", meaning
     return "", ""
 
 
-def _read_names(document: Any) -> list[tuple[str, str, str, Any]]:
-    """List what a document says: of which camera, meaning what, under what name, and the value."""
-    said = []
-    for path, value in _leaves(document):
-        outer = [key for key in path[:-1] if not re.fullmatch(f"{WORDS}+", _plain(key))]
-        inner = [key for key in path[:-1] if re.fullmatch(f"{WORDS}+", _plain(key))]
-        meaning, tag = _meaning(_plain("".join([*inner, *path[-1:]])), value)
-        said.append((" ".join([*outer, tag]).strip(), meaning, ".".join(path), value))
-    return said
-
-
-def _understood(said: list[tuple[str, str, str, Any]], whose: str) -> dict[str, Any]:
-    """What is said of one of the cameras, by its meaning; the first, if it is said twice."""
-    return {
-        meaning: value for one, meaning, _, value in said[::-1] if meaning and one == whose
+def _understand(document: Any) -> tuple[dict[str, dict[str, Any]], dict[str, Any]]:
+    """Sort what a document says: by camera, or "", what is understood, by meaning; and all else by name."""
+    cameras: dict[str, dict[str, Any]] = {"": {}}
+    named = [(*_meaning(name, value), name, value) for name, value in leaves(document)]
+    for whose, meaning, _, value in named:
+        cameras.setdefault(whose, {}).setdefault(meaning, value)
+    cameras = {
+        whose: own
+        for whose, own in cameras.items()
+        if not whose or own.keys() & {"matrix", "four", "fx", "flx"}
     }
+    unread = {
+        n: value for whose, what, n, value in named if not what or whose not in cameras
+    }
+    return cameras, unread
 
 
 def _list_named(document: Any) -> dict[str, Any]:
-    """Find each camera of a document, and the kinds of lens that it may have."""
-    said = _read_names(document)
-    found = {whose: _understood(said, whose) for whose, *_ in said}
-    found = {
-        whose: own
-        for whose, own in found.items()
-        if own.keys() & {"matrix", "four", "fx", "flx"}
-        or ("f" in own and own.keys() & {"c", "cx"})
-    }
+    """Find each camera of a document, for each kind of lens that it may have, if no name tells it."""
     cameras: dict[str, Any] = {}
+    found, unread = _understand(document)
     for whose, own in found.items():
-        part = _understood(said, "") | own | {"document": document}
+        if not own.keys() & {"matrix", "four", "fx", "flx"}:
+            continue
+        part = found[""] | own | {"unread": unread, "document": document}
         if "matrix" not in own:
             part.pop("matrix", None)
-        part["unread"] = {
-            name: value
-            for one, meaning, name, value in said
-            if one not in ("", *found) or (not meaning and one in ("", whose))
-        }
         k = part.get("k", part.get("unsure"))
         kinds = [BROWN]
-        if len(numbers(k)) == 4 if k is not None else "k4" in part and "p1" not in part:
-            # The first, which nobody has named, is OpenCV's fisheye, or refused.
+        if part.keys() & {"model", "lens", "fisheye"}:
+            kinds = [""]
+        elif len(numbers(k)) == 4 if k is not None else "k4" in part and "p1" not in part:
+            # The first is taken: OpenCV's fisheye, or none, which is refused.
             kinds = [FISHEYE, BROWN] if "k" in part else ["", FISHEYE, BROWN]
-        named = [_lens(part[name]) for name in ("model", "lens") if name in part]
-        if "fisheye" in part:
-            named.append(FISHEYE if part["fisheye"] else BROWN)
-        if named:
-            kinds = [FISHEYE if FISHEYE in named else BROWN]
-        cameras |= {f"{whose} {kind}".strip(): part | {"kind": kind} for kind in kinds}
+        for kind in kinds:
+            cameras[f"{whose} {kind}".strip() or "camera"] = part | {"kind": kind}
     return cameras
+
+
+def _kind_of(part: dict[str, Any]) -> str:
+    """Return the kind of a camera's lens, by what its file says, or was assumed or chosen."""
+    said = [_lens(part[name]) for name in ("model", "lens") if name in part]
+    if "fisheye" in part:
+        said.append(FISHEYE if part["fisheye"] else BROWN)
+    if part["kind"] or said:
+        return part["kind"] or (FISHEYE if FISHEYE in said else BROWN)
+    raise ValueError(
+        "four coefficients, a fisheye's or Brown's? Add fisheye_model: 1 (or 0) to the file, "
+        "or #fisheye (or #brown) to its name"
+    )
 
 
 def _refuse_unread(part: dict[str, Any], is_lens: bool) -> None:
@@ -245,67 +231,48 @@ def _refuse_unread(part: dict[str, Any], is_lens: bool) -> None:
             what = "image_width and image_height"
             is_like = len(found) in (2, 3) or OF_A_SIZE.search(plain)
             is_like = is_like and all(n >= 32 and n == int(n) for n in (found or [0])[:2])
-        if is_like and not PASSING.search(" ".join(map(_plain, name.split(".")))):
+        if is_like and not PASSING.search(plain):
             many = f"{len(found)} number{'s' * (len(found) > 1)}"
             raise ValueError(f"not understood: {shorten(name)} ({many}); call it {what}")
 
 
-def _coefficients(part: dict[str, Any]) -> tuple[float, ...]:
+def _coefficients(part: dict[str, Any], kind: str) -> tuple[float, ...]:
     """Return the coefficients of a lens in OpenCV's order."""
-    kind = part["kind"]
-    if not kind:
-        raise ValueError(
-            "four coefficients, a fisheye's or Brown's? Add fisheye_model: 1 (or 0) to the file, "
-            "or #fisheye (or #brown) to its name"
-        )
-    for name in ("k", "unsure"):
-        if name in part:
-            k = numbers(part[name])
-            if len(k) not in (0, 4, 5, 8, 12, 14):
-                raise ValueError(f"expected 4, 5 or 8 coefficients, found {len(k)}")
-            return k
+    k = part.get("k", part.get("unsure"))
+    if k is not None:
+        if len(numbers(k)) not in (0, 4, 5, 8, 12, 14):
+            raise ValueError(f"expected 4, 5 or 8 coefficients, found {len(numbers(k))}")
+        return numbers(k)
+    if not part.keys() & {*TERMS}:
+        _refuse_unread(part, True)
     # nerfstudio's k4 is no rational polynomial's, unless k5 is there.
     order = TERMS if "k5" in part else TERMS[:5]
     if kind == FISHEYE:
-        order = ("k1", "k2", "k3", "k4")
-    for name in part.keys() & {*TERMS}.difference(order):
-        if part[name]:
+        order = ["k1", "k2", "k3", "k4"]
+    for name in {*TERMS}.difference(order):
+        if part.get(name):
             raise ValueError(f"{name} is none of a {kind} lens with {', '.join(order)}")
-    if not part.keys() & {*TERMS}:
-        _refuse_unread(part, True)
     return numbers([part.get(name, 0.0) for name in order])
 
 
 def _focal_and_centre(part: dict[str, Any]) -> tuple[float, ...]:
-    """Return fx, fy, cx and cy; ValueError if the pixels are skewed."""
-    if "matrix" in part:
-        found = numbers(part["matrix"])
-        columns = 3 if len(found) == 9 else 4  # with a shift, which must be none
-        matrix = np.zeros((4, 4))
-        matrix[3, 3] = 1
-        if len(found) not in (9, 12, 16):
-            raise ValueError(f"expected a matrix of 9 numbers, found {len(found)}")
-        matrix[: len(found) // columns, :columns] = np.reshape(found, (-1, columns))
-        (fx, skew, cx, _), (_, fy, cy, _) = matrix[:2].tolist()
-        if not matrix[:3, :3].any() or (fx == 0 and fy == 0):
-            fx = fy = 0.0
-        rest = matrix - [[fx, skew, cx, 0], [0, fy, cy, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
-        part = part | {"skew": skew if abs(skew) > 1e-6 * abs(fx) else 0.0}
-        if fx and rest.any():
-            raise ValueError("expected a matrix [fx 0 cx; 0 fy cy; 0 0 1]")
-        found = (fx, fy, cx, cy)
-    elif "four" in part:
-        found = numbers(part["four"], 4)
-    elif "flx" in part:
+    """Return fx, fy, cx and cy."""
+    if "flx" in part:
         fx, fy, cx, cy = numbers([part[name] for name in ("flx", "fly", "cx", "cy")])
-        found = (fx, fy, cx - 0.5, cy - 0.5)
-    else:
-        f = part["f"] if "f" in part else [part["fx"], part["fy"]]
-        c = part["c"] if "c" in part else [part["cx"], part["cy"]]
-        found = (*(numbers(f) * 2)[:2], *numbers(c, 2))
-    if part.get("skew"):
-        raise ValueError("expected pixels without a skew")
-    return found
+        return fx, fy, cx - 0.5, cy - 0.5
+    if "matrix" not in part:
+        names = ("fx", "fy", "cx", "cy")
+        return numbers(part.get("four") or [part[name] for name in names], 4)
+    found = np.array(numbers(part["matrix"]))
+    if found.size not in (9, 12, 16):
+        raise ValueError(f"expected a matrix of 9 numbers, found {found.size}")
+    matrix = found.reshape(-1, 3 if found.size == 9 else 4)
+    (fx, _, cx), (_, fy, cy) = matrix[:2, :3].tolist()
+    rest = matrix - np.eye(*matrix.shape)
+    rest[[0, 1, 0, 1], [0, 1, 2, 2]] = 0
+    if (fx or fy) and np.abs(rest).max() > 1e-6 * abs(fx):
+        raise ValueError("expected a matrix [fx 0 cx; 0 fy cy; 0 0 1], without a skew")
+    return fx, fy, cx, cy
 
 
 # The formats ---------------------------------------------------------------------------
@@ -314,11 +281,9 @@ def list_cameras(document: Any) -> tuple[str, dict[str, Any]]:
     if not isinstance(document, dict) or GONE & document.keys():
         return "", {}
     if "rig" in document:
-        found = _as_list(document["rig"]["camera"])
-        return VICALIB, {f"camera{index}": part for index, part in enumerate(found)}
-    chain = {name: document[name] for name in document if re.fullmatch(r"cam\d+", name)}
-    if chain:
-        return KALIBR, chain
+        found = document["rig"]["camera"]
+        parts = found if isinstance(found, list) else [found]
+        return VICALIB, {f"camera{index}": part for index, part in enumerate(parts)}
     if ROWS in document:
         rows = document[ROWS]
         if [len(row) for row in rows] in ([3] * 3, [4] * 3, [4] * 4):
@@ -327,7 +292,7 @@ def list_cameras(document: Any) -> tuple[str, dict[str, Any]]:
         return COLMAP, {f"{row[0]:g}": row for row in rows} if is_camera else {}
     flat = document.get("camera", document)
     if isinstance(flat, dict) and "a0" in flat:
-        return C3VD, {"": flat | _understood(_read_names(flat), "")}
+        return C3VD, {"": flat | _understand(flat)[0][""]}
     return NAMED, _list_named(document)
 
 
@@ -353,18 +318,15 @@ def make_camera(form: str, part: Any, given: Size | None) -> Camera:
         part = {"c": 1.0, "d": 0.0, "e": 0.0} | part
         cx, cy, *affine = numbers([part[name] for name in ("cx", "cy", "c", "d", "e")])
         return Scaramuzza(*_size(part, given), cx, cy, a, *affine)  # type: ignore
-    if form == KALIBR:
-        named = _list_named(part)
-        if not named:
-            raise KeyError("intrinsics")
-        part = next(iter(named.values()))
+    kind = _kind_of(part)
     focal_and_centre = _focal_and_centre(part)
-    k = _coefficients(part)
+    k = _coefficients(part, kind)
     if not part.keys() & {"size", "width"}:
         _refuse_unread(part, False)
     width, height = _size(part, given)
     document = part["document"]
-    roi = document.get("roi", {})
+    roi = document.get("roi")
+    roi = roi if isinstance(roi, dict) else {}
     cut = [roi.get(name, 0) for name in ("x_offset", "y_offset", "width", "height")]
     is_whole = cut in ([0, 0, 0, 0], [0, 0, width, height])
     binning = max(document.get("binning_x", 0), document.get("binning_y", 0))
@@ -372,4 +334,4 @@ def make_camera(form: str, part: Any, given: Size | None) -> Camera:
         raise ValueError(
             "binning and roi must be of whole pictures; write the camera of these pictures"
         )
-    return _camera(part["kind"], (width, height), focal_and_centre, k)
+    return _camera(kind, (width, height), focal_and_centre, k)
