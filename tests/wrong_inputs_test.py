@@ -208,7 +208,9 @@ CALIBRATIONS = [
     ),
     calibration("off.json", OPENCV | {"K": [20, 0, 70, 0, 20, 23, 0, 0, 1]}, "outside"),
     calibration(
-        "ds.yaml", "cam0: {camera_model: ds, intrinsics: [1, 1]}\n", "pinhole-equi"
+        "ds.yaml",
+        "cam0: {camera_model: ds, intrinsics: [1, 1, 1, 1, 1, 1]}\n",
+        "pinhole-equi",
     ),
     calibration(
         "meta.xml", "<calibration><projection>f</projection></calibration>", "OpenCV"

@@ -22,7 +22,7 @@ UNKNOWN = el.Calibration(
     BASE.camera, replace(BASE.photometry.channel("green"), gain=None)
 )
 QUICK = {"solver": "facing", "width": 48}
-OUTPUTS = ["frames", "frames.csv", "recording.rrd", "report.json"]
+OUTPUTS = ["endoscope.json", "frames", "frames.csv", "recording.rrd", "report.json"]
 
 
 @pytest.fixture(scope="module")
