@@ -7,7 +7,7 @@ import tempfile
 from pathlib import Path
 
 from endolab._extras import need
-from endolab.cli.solving import Port, free_port, is_remote, tunnel
+from endolab.cli.solving import Port, free_port, tunnel
 
 # Of endolab's checkout, where there is one.
 OWN_NOTEBOOKS = Path(__file__).resolve().parents[2] / "notebooks"
@@ -70,9 +70,10 @@ def lab(*jupyter: str, notebooks: str | None = None, port: Port = 8888) -> None:
             "--LabApp.log_level=WARN",
             "--allow-root",  # as in a container
         ]
-        if is_remote():
+        remote = tunnel(port)
+        if remote:
             options.append("--no-browser")
-            print(f"First, on your own machine: {tunnel(port)}", flush=True)
+            print(remote, flush=True)
         from jupyterlab.labapp import LabApp  # type: ignore[import-untyped]
 
         LabApp.launch_instance([*options, *jupyter])

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from endolab.io.settings import SolvingSettings
     from endolab.model.endoscope import Calibration
 
-DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
 Count = Annotated[int, Parameter(validator=Number(gte=1))]
 Port = Annotated[int, Parameter(validator=Number(gte=1, lte=65535))]
 Reader = Callable[[Any, Sequence[Any]], Any]
@@ -167,17 +166,14 @@ def free_port(first: int) -> int:
     raise ValueError(f"--port must be below 65536, got {first}")
 
 
-def is_remote() -> bool:
-    """Whether no browser can open here, where the user would see it."""
-    has_display = sys.platform != "linux" or any(map(os.environ.get, DISPLAYS))
-    return "SSH_CONNECTION" in os.environ or not has_display
-
-
 def tunnel(port: int) -> str:
-    """Return what to type on another machine, so that links to this one open there."""
+    """Say what to type on one's own machine first, where no browser can open here; else ""."""
     told = os.environ.get("SSH_CONNECTION", "").split()  # two addresses, each with its port
-    host = told[2] if len(told) > 2 else socket.gethostname()
-    return f"ssh -L {port}:127.0.0.1:{port} {getpass.getuser()}@{host}"
+    displays = map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY"))
+    if not told and (sys.platform != "linux" or any(displays)):
+        return ""
+    place = f"{getpass.getuser()}@{told[2] if len(told) > 2 else socket.gethostname()}"
+    return f"First, on your own machine: ssh -L {port}:127.0.0.1:{port} {place}"
 
 
 @contextmanager

@@ -16,7 +16,6 @@ from endolab.cli.solving import (
     Port,
     Rectangle,
     free_port,
-    is_remote,
     load_endoscope,
     tunnel,
 )
@@ -96,14 +95,15 @@ def tune(
         print(f"tuner without Python: {html}")
         return
     listening = free_port(port)
+    remote = tunnel(listening)
     page = Page(make, f"{first.name} · endolab", listening, origin)
 
     def announce() -> None:
         print(f"tuner: {page.link}")
-        if is_remote():
-            print(f"First, on your own machine: {tunnel(listening)}")
+        if remote:
+            print(remote)
         print("It ends when its page is closed, or by Ctrl-C.", flush=True)
-        if not (no_browser or is_remote()):
+        if not (no_browser or remote):
             threading.Thread(target=webbrowser.open, args=(page.link,), daemon=True).start()
 
     with suppress(KeyboardInterrupt):  # which is how it ends

@@ -17,11 +17,10 @@ from endolab.model.cameras import BrownConrady, Camera, KannalaBrandt, Pinhole, 
 from endolab.numerics.checks import shorten
 
 Size = tuple[int, int]  # columns and rows, px
-NAMED = "by its names, as of OpenCV, ROS, Kalibr, ORB-SLAM, nerfstudio or NumPy"
+NAMED = "by its names, as of OpenCV, ROS, Kalibr, ORB-SLAM, nerfstudio, NumPy or C3VD"
 MATRIX = "rows of a matrix, taken for a pinhole's"
 COLMAP = "COLMAP's cameras.txt"
 VICALIB = "Vicalib's XML"
-C3VD = "C3VD's a0 to a4"
 BROWN = "brown"
 FISHEYE = "fisheye"
 
@@ -56,7 +55,7 @@ TERMS = [
     "k5",
     "k6",
 ]  # OpenCV's coefficients, in its order
-NUMBER |= {term: term for term in TERMS}
+NUMBER |= {name: name for name in (*TERMS, *"cde", *(f"a{power}" for power in range(5)))}
 TEXT = {"model": "distortion(model|type)?", "lens": "(camera|lens|projection)?(model|type)"}
 LIST = {
     "size": "size|resolution",
@@ -65,6 +64,7 @@ LIST = {
     "k": "d|dist(ortion)?(coeff?(icient)?s?)?",
     "matrix": "k|kk|m|mtx|matrix|intrinsics",
 }
+CAMERA = {"matrix", "four", "fx", "flx", "a0"}  # one of which a camera has
 COUNTS = {"four": (4, 5, 6), "unsure": (4, 5, 8, 12, 14), "matrix": (0, 9, 12, 16)}
 # What else a file may say, and is not asked for: errors, flags, boards, poses, what was rectified.
 PASSING = re.compile(
@@ -84,9 +84,7 @@ class MissingSize(ValueError):
 
 # The values of files -------------------------------------------------------------------
 def numbers(value: Any, count: int | None = None) -> tuple[float, ...]:
-    """Return the finite numbers of a list, a matrix, OpenCV's "data", or one number."""
-    if isinstance(value, dict):
-        value = value["data"]
+    """Return the finite numbers of a list, a matrix, or one number."""
     found = np.asarray(value, float).ravel()
     if not np.isfinite(found).all() or count not in (None, found.size):
         many = "" if count is None else f"{count} "
@@ -175,9 +173,7 @@ def _understand(document: Any) -> tuple[dict[str, dict[str, Any]], dict[str, Any
     for whose, meaning, _, value in named:
         cameras.setdefault(whose, {}).setdefault(meaning, value)
     cameras = {
-        whose: own
-        for whose, own in cameras.items()
-        if not whose or own.keys() & {"matrix", "four", "fx", "flx"}
+        whose: own for whose, own in cameras.items() if not whose or own.keys() & CAMERA
     }
     unread = {
         n: value for whose, what, n, value in named if not what or whose not in cameras
@@ -190,7 +186,7 @@ def _list_named(document: Any) -> dict[str, Any]:
     cameras: dict[str, Any] = {}
     found, unread = _understand(document)
     for whose, own in found.items():
-        if not own.keys() & {"matrix", "four", "fx", "flx"}:
+        if not own.keys() & CAMERA:
             continue
         part = found[""] | own | {"unread": unread, "document": document}
         if "matrix" not in own:
@@ -290,9 +286,6 @@ def list_cameras(document: Any) -> tuple[str, dict[str, Any]]:
             return MATRIX, _list_named({"matrix": rows})
         is_camera = all(len(row) > 4 and isinstance(row[1], str) for row in rows)
         return COLMAP, {f"{row[0]:g}": row for row in rows} if is_camera else {}
-    flat = document.get("camera", document)
-    if isinstance(flat, dict) and "a0" in flat:
-        return C3VD, {"": flat | _understand(flat)[0][""]}
     return NAMED, _list_named(document)
 
 
@@ -313,7 +306,7 @@ def make_camera(form: str, part: Any, given: Size | None) -> Camera:
         k1_and_k2, others = values[4:6], values[6:]
         middle = () if kind == FISHEYE else (0.0, 0.0)
         return _camera(kind, _size(model, None), values[:4], (*k1_and_k2, *middle, *others))
-    if form == C3VD:
+    if "a0" in part:
         a = numbers([part.get(f"a{power}", 0.0) for power in range(5)])
         part = {"c": 1.0, "d": 0.0, "e": 0.0} | part
         cx, cy, *affine = numbers([part[name] for name in ("cx", "cy", "c", "d", "e")])
