@@ -200,7 +200,7 @@ CALIBRATIONS = [
     calibration("radial.json", OPENCV | {"lens": {"k1": 0.1}}, "lens.k1"),
     calibration("kc.json", OPENCV | {"kc": [0.1] * 4}, "fisheye"),
     calibration("shape.json", {"K": OPENCV["K"], "shape": [48, 64]}, "shape"),
-    calibration("prism.json", OPENCV | {"D": [0.1] * 12}, "prism"),
+    calibration("prism.json", OPENCV | {"D": [0.1] * 12}, "PRISM"),
     calibration("skew.json", OPENCV | {"K": [20, 1, 31, 0, 20, 23, 0, 0, 1]}, "skew"),
     calibration("zeros.json", OPENCV | {"K": [0] * 9}, "never calibrated"),
     calibration(

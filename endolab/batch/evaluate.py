@@ -4,6 +4,7 @@ import json
 import logging
 import re
 from dataclasses import asdict, dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -121,7 +122,7 @@ def evaluate(
     else:
         true = DepthMap(true_z(truth), "z", True)
         true_name += f", by its name in the unit of {layout.upper()}"
-        log.warning("%s; --truth-unit says another", true_name)
+        _say_unit(Path(truth).parent, layout.upper())
     _check_unit(true, true_name, "--truth-unit")
     if depth.metric and depth.cos_alpha is None:
         _check_unit(depth, name, "--unit")
@@ -196,6 +197,12 @@ def _leave_out_largest(true: DepthMap, name: str) -> None:
             "%s: %.3g %% of it has one number, far beyond all others, and counts as unknown"
         )
         log.warning(message, name, 100 * is_most.mean())
+
+
+@lru_cache(maxsize=1)  # once for a folder
+def _say_unit(folder: Path, data_set: str) -> None:
+    message = "%s: the truth is, by its name, in the unit of %s; --truth-unit says another"
+    log.warning(message, folder, data_set)
 
 
 def _check_unit(depth: DepthMap, name: str, option: str) -> None:

@@ -15,7 +15,7 @@ from endolab.io.atomic import PathLike, read_bytes
 from endolab.numerics.checks import shorten
 
 ROWS = "rows of words"  # key of a file that holds nothing else
-INI = "[sections]"  # likewise, unread
+INI = ".ini"  # likewise, of what is not read
 
 
 def read_document(path: PathLike) -> Any:

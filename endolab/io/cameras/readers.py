@@ -56,7 +56,10 @@ TERMS = [
     "k6",
 ]  # OpenCV's coefficients, in its order
 NUMBER |= {name: name for name in (*TERMS, *"cde", *(f"a{power}" for power in range(5)))}
-TEXT = {"model": "distortion(model|type)?", "lens": "(camera|lens|projection)?(model|type)"}
+TEXT = {
+    "model": "distortion(model|type)?",
+    "lens": "model|(camera|lens|projection)(model|type)",
+}
 LIST = {
     "size": "size|resolution",
     "four": "intrinsics",
@@ -135,9 +138,9 @@ def _camera(
     if not any(centre[:2]):
         raise ValueError("fx and fy are 0: this camera was never calibrated")
     if any(k[most:]):
-        way = "; calibrate without a thin prism or a tilted sensor" if len(k) > 8 else ""
+        flags = "; calibrate without CALIB_THIN_PRISM_MODEL and CALIB_TILTED_MODEL"
         raise ValueError(
-            f"expected {most} coefficients of a {kind} lens, found {len(k)}{way}"
+            f"expected {most} coefficients of a {kind} lens, found {len(k)}{flags if len(k) > 8 else ''}"
         )
     # Where a size is not whole, the class says so.
     if kind == BROWN and not any(k):
