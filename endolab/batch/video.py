@@ -54,7 +54,7 @@ FRAME_COLUMNS = (
     "pixels",
     "error",
 )
-VIDEO_FILES = ("frames", "frames.csv", "endoscope.json", "report.json", "recording.rrd")
+VIDEO_FILES = ("endoscope.json", "frames", "frames.csv", "report.json", "recording.rrd")
 TEXTS = ("frame", "status", "unit", "error")
 
 
