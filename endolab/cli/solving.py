@@ -168,11 +168,11 @@ def free_port(first: int) -> int:
 
 def tunnel(port: int) -> str:
     """Say what to type on one's own machine first, where no browser can open here; else ""."""
-    told = os.environ.get("SSH_CONNECTION", "").split()  # two addresses, each with its port
+    ends = os.environ.get("SSH_CONNECTION", "").split()  # two addresses, each with its port
     displays = map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY"))
-    if not told and (sys.platform != "linux" or any(displays)):
+    if not ends and (sys.platform != "linux" or any(displays)):
         return ""
-    place = f"{getpass.getuser()}@{told[2] if len(told) > 2 else socket.gethostname()}"
+    place = f"{getpass.getuser()}@{ends[2] if len(ends) > 2 else socket.gethostname()}"
     return f"First, on your own machine: ssh -L {port}:127.0.0.1:{port} {place}"
 
 

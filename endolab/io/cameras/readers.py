@@ -208,11 +208,11 @@ def _list_named(document: Any) -> dict[str, Any]:
 
 def _kind_of(part: dict[str, Any]) -> str:
     """Return the kind of a camera's lens, by what its file says, or was assumed or chosen."""
-    said = [_lens(part[name]) for name in ("model", "lens") if name in part]
+    kinds = [_lens(part[name]) for name in ("model", "lens") if name in part]
     if "fisheye" in part:
-        said.append(FISHEYE if part["fisheye"] else BROWN)
-    if part["kind"] or said:
-        return part["kind"] or (FISHEYE if FISHEYE in said else BROWN)
+        kinds.append(FISHEYE if part["fisheye"] else BROWN)
+    if part["kind"] or kinds:
+        return part["kind"] or (FISHEYE if FISHEYE in kinds else BROWN)
     raise ValueError(
         "four coefficients, a fisheye's or Brown's? Add fisheye_model: 1 (or 0) to the file, "
         "or #fisheye (or #brown) to its name"
