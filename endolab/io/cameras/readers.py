@@ -77,8 +77,6 @@ PASSING = re.compile(
 OF_A_LENS = re.compile(r"radial|tangential|distort|coeff|(k[1-6]|p[12])$")
 OF_A_SIZE = re.compile(r"width|height|cols|columns|rows|size|shape|resolution")
 KALIBRS = ("ds", "eucm", "omni")  # lenses that are not read
-# mrcal's and MATLAB's
-GONE = {"lensmodel", "RadialDistortion", "MappingCoefficients", "ss"}
 
 
 class MissingSize(ValueError):
@@ -277,7 +275,7 @@ def _focal_and_centre(part: dict[str, Any]) -> tuple[float, ...]:
 # The formats ---------------------------------------------------------------------------
 def list_cameras(document: Any) -> tuple[str, dict[str, Any]]:
     """Tell the format of a document, and its cameras by name, unread; none, if it is of no format."""
-    if not isinstance(document, dict) or GONE & document.keys():
+    if not isinstance(document, dict):
         return "", {}
     if "rig" in document:
         found = document["rig"]["camera"]
