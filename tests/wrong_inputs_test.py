@@ -196,6 +196,27 @@ CALIBRATIONS = [
     calibration("wide.json", OPENCV | {"image_width": 10**400}, "wide.json"),
     calibration("binned.json", OPENCV | {"binning_x": 2}, "binning"),
     calibration("cut.json", OPENCV | {"roi": {"x_offset": 8}}, "roi"),
+    calibration("lens.json", OPENCV | {"lensNumbers": [0.1] * 4}, "lensNumbers"),
+    calibration("radial.json", OPENCV | {"lens": {"k1": 0.1}}, "lens.k1"),
+    calibration("kc.json", OPENCV | {"kc": [0.1] * 4}, "fisheye"),
+    calibration("shape.json", {"K": OPENCV["K"], "shape": [48, 64]}, "shape"),
+    calibration("prism.json", OPENCV | {"D": [0.1] * 12}, "PRISM"),
+    calibration("skew.json", OPENCV | {"K": [20, 1, 31, 0, 20, 23, 0, 0, 1]}, "skew"),
+    calibration("zeros.json", OPENCV | {"K": [0] * 9}, "never calibrated"),
+    calibration(
+        "parts.json", OPENCV | {"K": [0.5, 0, 0.5, 0, 0.5, 0.5, 0, 0, 1]}, "norm"
+    ),
+    calibration("off.json", OPENCV | {"K": [20, 0, 70, 0, 20, 23, 0, 0, 1]}, "outside"),
+    calibration(
+        "ds.yaml",
+        "cam0: {camera_model: ds, intrinsics: [1, 1, 1, 1, 1, 1]}\n",
+        "pinhole-equi",
+    ),
+    calibration(
+        "meta.xml", "<calibration><projection>f</projection></calibration>", "OpenCV"
+    ),
+    calibration("cameras.bin", bytes(64), "model_converter"),
+    calibration("ost.txt", "# oST\n[image]\nwidth\n64\n", "camera_calibration_parsers"),
     calibration("other.yaml", "a: 1\nb: [2, 3]\n", "Kalibr"),
     calibration("code.yaml", "cam0: !!python/object/apply:os.system [a]\n", "YAML"),
     calibration("bomb.xml", '<!DOCTYPE r [<!ENTITY a "a">]><r>&a;</r>', "bomb.xml"),
@@ -230,6 +251,7 @@ TARGETS = [
     target("kind", "squares"),
     target("spacing", -1),
     target("colour", "red"),
+    Row("Kalibr's", "target board.yaml --out t.pdf", "chessboard:9x7:3mm"),
     Row("marker", lambda: Charuco(11, 8, 15.0, marker=15.0), "marker"),
     Row("small", lambda: DotGrid(5, 4, 6.0, small=2.0, large=1.0), "small"),
 ]
@@ -300,6 +322,8 @@ TYPED = {
     "evaluate z.npy truth.npz --max-angle 0.001": "no pixel",
     "evaluate z.npy z.npy --max-angle 20": "calibration",
     "evaluate z.npy film": "film",
+    "evaluate z.npy metres.npy": "--truth-unit",
+    "evaluate metres.npy truth.npz --unit 1": "--unit",
     "evaluate film truth.npz": "truth.npz",
 }
 CALLED = [
@@ -341,7 +365,10 @@ ROWS += [Row(words, words, word) for words, word in TYPED.items()]
 FILES |= {
     "half.npz": half("truth.npz"),
     "square.npy": ONES[:, :48],
-    "z.npy": ONES,
+    "z.npy": 20 * ONES,
+    "metres.npy": ONES / 50,
+    "board.yaml": "target_type: checkerboard\ntargetCols: 8\ntargetRows: 6\n"
+    "rowSpacingMeters: 0.003\n",
     "two.npz": {"a": ONES, "b": ONES},
     "0001_depth.png": np.zeros((48, 64), np.uint16),
     "run.rrd": b"hello" * 99,

@@ -4,6 +4,7 @@ import json
 import logging
 import re
 from dataclasses import asdict, dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,11 @@ from endolab.metrics.depth_errors import (
 from endolab.model.cameras import Camera
 from endolab.numerics.checks import PATH, mask_array, number
 
+LARGEST = (
+    0.01,
+    1.2,
+)  # share of the pixels, and times the next, from which on one number is no depth
+MEDIANS = 2.0, 1000.0  # mm, between which an endoscope sees
 log = logging.getLogger("endolab")
 
 
@@ -61,6 +67,7 @@ def evaluate(
     mask: PathLike | np.ndarray | None = None,
     align: str | None = None,
     max_angle: float = 90.0,
+    max_depth: float | None = None,
 ) -> Evaluation:
     """Compare a depth map with the truth, which may be a data set's.
 
@@ -69,7 +76,8 @@ def evaluate(
     prediction, truth : path or (H, W) array
         What `read_depth_map` reads.
     kind, unit, truth_kind, truth_unit : optional
-        As for `read_depth_map`. A truth without a unit is in mm.
+        As for `read_depth_map`. A truth without a unit is in mm. One number that the farthest hundredth of it
+        has, 1.2 times the next or more, is unknown, which is logged.
     camera : Camera, optional
         Of the picture, of any size of its proportions. Needed if one file holds z and the other distance, and
         neither both; without any, z is compared with z.
@@ -80,6 +88,8 @@ def evaluate(
         none. A disparity is compared as z, what is affine as the kind that it is.
     max_angle : float
         Only pixels so near to the camera's axis count, degrees.
+    max_depth : float, optional
+        Only pixels whose truth is at most this count, mm, of whichever kind the truth is.
 
     Returns
     -------
@@ -88,8 +98,8 @@ def evaluate(
     Raises
     ------
     OSError, ValueError
-        In one sentence, if a file cannot be read, the two are not of one picture, or a camera or a unit is
-        missing.
+        In one sentence, if a file cannot be read, the two are not of one picture, a camera or a unit is
+        missing, or a unit leads to what no endoscope sees.
 
     Examples
     --------
@@ -104,10 +114,20 @@ def evaluate(
     name = "the depth map" if isinstance(prediction, np.ndarray) else str(prediction)
     depth = read_depth_map(prediction, kind, unit)
     is_told = truth_kind is not None or truth_unit is not None
-    if is_told or isinstance(truth, np.ndarray) or not depth_layout(truth):
+    true_name = "the truth" if isinstance(truth, np.ndarray) else str(truth)
+    layout = None if isinstance(truth, np.ndarray) else depth_layout(truth)
+    if isinstance(truth, np.ndarray) or is_told or layout is None:
         true = read_depth_map(truth, truth_kind, truth_unit)
+        _leave_out_largest(true, true_name)
     else:
         true = DepthMap(true_z(truth), "z", True)
+        true_name += f", by its name in the unit of {layout.upper()}"
+        _say_unit(Path(truth).parent, layout.upper())
+    _check_unit(true, true_name, "--truth-unit")
+    if depth.metric and depth.cos_alpha is None:
+        _check_unit(depth, name, "--unit")
+    if max_depth is not None:
+        true.values[true.values > number("--max-depth", max_depth, 0)] = np.nan
     rows, columns = shape = depth.values.shape
     cosine = depth.cos_alpha  # z over distance
     if camera is not None:
@@ -164,6 +184,34 @@ def evaluate(
     if depth.sigma is not None and align != "affine":
         trusted = coverage_of(estimate, depth.sigma, actual, near, align)
     return Evaluation(name, compared, align, correlation, errors, trusted)
+
+
+def _leave_out_largest(true: DepthMap, name: str) -> None:
+    """Make unknown the one largest number, if many pixels have it and it lies far beyond the next."""
+    two = np.unique(true.values[np.isfinite(true.values)])[-2:]
+    is_most = true.values == two[-1:].max(initial=0)
+    share, times = LARGEST
+    if len(two) == 2 and is_most.mean() >= share and two[1] >= times * two[0]:
+        true.values[is_most] = np.nan
+        message = (
+            "%s: %.3g %% of it has one number, far beyond all others, and counts as unknown"
+        )
+        log.warning(message, name, 100 * is_most.mean())
+
+
+@lru_cache(maxsize=1)  # once for a folder
+def _say_unit(folder: Path, data_set: str) -> None:
+    message = "%s: the truth is, by its name, in the unit of %s; --truth-unit says another"
+    log.warning(message, folder, data_set)
+
+
+def _check_unit(depth: DepthMap, name: str, option: str) -> None:
+    median = np.nanmedian(depth.values) if np.isfinite(depth.values).any() else np.nan
+    if median < MEDIANS[0] or median > MEDIANS[1]:
+        raise ValueError(
+            f"{name}: its median is {median:.3g} mm, and endoscopes see {MEDIANS[0]:g} to {MEDIANS[1]:g}: "
+            f"{option} is the mm that 1 stands for"
+        )
 
 
 # Folders --------------------------------------------------------------------------------

@@ -24,6 +24,7 @@ from endolab.io.atomic import (
     say_undrawn,
     write_atomically,
 )
+from endolab.io.descriptions import write_calibration
 from endolab.io.images import read_mask
 from endolab.io.surfaces import read_depth, save_depth
 from endolab.io.video import Frames, open_frames
@@ -53,7 +54,7 @@ FRAME_COLUMNS = (
     "pixels",
     "error",
 )
-VIDEO_FILES = ("frames", "frames.csv", "report.json", "recording.rrd")
+VIDEO_FILES = ("endoscope.json", "frames", "frames.csv", "report.json", "recording.rrd")
 TEXTS = ("frame", "status", "unit", "error")
 
 
@@ -87,8 +88,9 @@ def reconstruct_video(
     calibration : Calibration
         For pictures of that size.
     out : path
-        Becomes a folder with ``frames/NAME/depth.npz``, ``frames.csv``, ``report.json`` and at the end,
-        where Rerun is installed, ``recording.rrd``; nothing is written before the first frame is done.
+        Becomes a folder with ``frames/NAME/depth.npz``, ``frames.csv``, ``endoscope.json`` as it is used,
+        ``report.json`` and at the end, where Rerun is installed, ``recording.rrd``; nothing is written before
+        the first frame is done.
     mask : path, optional
         A picture, bright where the frames are to be used.
     every, limit : int
@@ -159,6 +161,7 @@ def reconstruct_video(
     made = [row for row in rows if not row["error"]]
     if not made:
         raise ValueError(f"no frame could be reconstructed; the first: {rows[0]['error']}")
+    write_calibration(calibration, folder.path / "endoscope.json")
     folder.write()
     *_, recording = paths = [folder.path / name for name in VIDEO_FILES]
     if not lacking("rerun") and (len(before) < len(wanted) or not recording.exists()):

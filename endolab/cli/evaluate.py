@@ -32,6 +32,7 @@ def evaluate(
     calibration: str | None = None,
     mask: str | None = None,
     max_angle: float = 90.0,
+    max_depth: float | None = None,
     as_json: Annotated[bool, Parameter(name="--json")] = False,
 ) -> None:
     """Compare a depth map, or those of a folder, with the truth.
@@ -44,7 +45,7 @@ def evaluate(
     Parameters
     ----------
     depth : path
-        depth.npz, .npy, .npz, .png, .tif of any program, or a folder of these.
+        depth.npz, .npy, .npz, .png, .tif, .pfm, .bin, .csv, .txt of any program, or a folder.
     truth : path
         The same, or a depth map of a published data set.
     align : str
@@ -63,6 +64,8 @@ def evaluate(
         A picture, bright where it counts, of the truth's size.
     max_angle : float
         Only pixels this near the axis, degrees.
+    max_depth : float
+        Only pixels whose truth is not farther, mm.
     as_json : bool
         Print JSON.
     """
@@ -83,6 +86,7 @@ def evaluate(
         mask=mask,
         align=align,
         max_angle=max_angle,
+        max_depth=max_depth,
     )
     found, alone = made if is_folder else ([made], [])
     if as_json:

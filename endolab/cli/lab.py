@@ -7,7 +7,7 @@ import tempfile
 from pathlib import Path
 
 from endolab._extras import need
-from endolab.cli.solving import Port
+from endolab.cli.solving import Port, free_port, tunnel
 
 # Of endolab's checkout, where there is one.
 OWN_NOTEBOOKS = Path(__file__).resolve().parents[2] / "notebooks"
@@ -53,6 +53,7 @@ def lab(*jupyter: str, notebooks: str | None = None, port: Port = 8888) -> None:
         raise FileNotFoundError(
             f"{folder}: there are no notebooks; name some by --notebooks"
         )
+    port = free_port(port)
     with tempfile.TemporaryDirectory(prefix="endolab-lab-") as scratch:
         set_up(scratch)
         os.environ["JUPYTER_CONFIG_PATH"] = f"{scratch}/etc/jupyter"
@@ -63,12 +64,16 @@ def lab(*jupyter: str, notebooks: str | None = None, port: Port = 8888) -> None:
             f"--notebook-dir={folder.parent}",
             f"--LabApp.default_url=/lab/tree/{folder.name}",
             "--ip=127.0.0.1",
-            f"--port={port}",  # or the next that is free
+            f"--port={port}",
             "--LabApp.extension_manager=readonly",
             "--log-level=WARN",  # the link alone is printed
             "--LabApp.log_level=WARN",
             "--allow-root",  # as in a container
         ]
+        remote = tunnel(port)
+        if remote:
+            options.append("--no-browser")
+            print(remote, flush=True)
         from jupyterlab.labapp import LabApp  # type: ignore[import-untyped]
 
         LabApp.launch_instance([*options, *jupyter])

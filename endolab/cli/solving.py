@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import getpass
 import logging
 import os
+import socket
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -137,6 +139,25 @@ def load_endoscope(
             raise
         known = load_calibration(calibration, size=image.shape[1::-1])
     return known if crop is None else known.crop(*crop)
+
+
+# Pages ----------------------------------------------------------------------------------
+def free_port(first: int) -> int:
+    """Find the first port from `first` on that nobody listens to."""
+    for port in range(first, 65536):
+        with suppress(OSError, OverflowError), socket.create_server(("127.0.0.1", port)):
+            return port
+    raise ValueError(f"--port must be below 65536, got {first}")
+
+
+def tunnel(port: int) -> str:
+    """Say what to type on one's own machine first, where no browser can open here; else ""."""
+    ends = os.environ.get("SSH_CONNECTION", "").split()  # two addresses, each with its port
+    displays = map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY"))
+    if not ends and (sys.platform != "linux" or any(displays)):
+        return ""
+    place = f"{getpass.getuser()}@{ends[2] if len(ends) > 2 else socket.gethostname()}"
+    return f"First, on your own machine: ssh -L {port}:127.0.0.1:{port} {place}"
 
 
 @contextmanager

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import socket
 import threading
 import webbrowser
 from contextlib import suppress
@@ -11,7 +10,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from endolab._extras import need
-from endolab.cli.solving import Count, Lamps, Port, Rectangle, load, load_endoscope
+from endolab.cli.solving import (
+    Count,
+    Lamps,
+    Port,
+    Rectangle,
+    free_port,
+    load,
+    load_endoscope,
+    tunnel,
+)
 
 if TYPE_CHECKING:
     from endolab.model.endoscope import Calibration
@@ -88,12 +96,16 @@ def tune(
         box.close()
         print(f"tuner without Python: {html}")
         return
-    page = Page(make, f"{first.name} · endolab", free_port(port), origin)
+    listening = free_port(port)
+    remote = tunnel(listening)
+    page = Page(make, f"{first.name} · endolab", listening, origin)
 
     def announce() -> None:
         print(f"tuner: {page.link}")
+        if remote:
+            print(remote)
         print("It ends when its page is closed, or by Ctrl-C.", flush=True)
-        if not no_browser:
+        if not (no_browser or remote):
             threading.Thread(target=webbrowser.open, args=(page.link,), daemon=True).start()
 
     with suppress(KeyboardInterrupt):  # which is how it ends
@@ -129,11 +141,3 @@ def read_truth(path: str | Path, calibration: Calibration) -> FloatArray:
     height, width = truth.shape
     cosine = calibration.fit(str(path), width, height).camera.field.cos_alpha
     return truth / np.where(cosine > 0, cosine, np.nan) if is_z else truth
-
-
-def free_port(first: int) -> int:
-    """Find the first port from `first` on that nobody listens to."""
-    for port in range(first, 65536):
-        with suppress(OSError, OverflowError), socket.create_server(("127.0.0.1", port)):
-            return port
-    raise ValueError(f"--port must be below 65536, got {first}")

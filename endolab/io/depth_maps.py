@@ -1,6 +1,8 @@
 """Depth maps as other programs write them: arrays of NumPy, 16-bit pictures, TIFF of floats."""
 
 import io
+import logging
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,11 +16,16 @@ from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import shorten, unknown_name
 
 KINDS = ("z", "distance", "disparity")
-SUFFIXES = (".npz", ".npy", ".png", ".tif", ".tiff", ".exr")
+SUFFIXES = (".npz", ".npy", ".png", ".tif", ".tiff", ".exr", ".pfm", ".bin")  # in folders
+TEXTS = (".csv", ".txt")
 # Names of an array in an .npz, the best first; "depth_map" counts as "depth".
 ARRAYS = ("distance", "z", "depth", "pred", "prediction", "arr_0", "data")
 INVERSE = ("disp", "inv")  # how the name of a disparity begins
-WHAT = "a depth map (.npz, .npy, .png of 8 or 16 bits, .tif of 8 or 16 bits or of floats)"
+WHAT = (
+    "a depth map (.npz, .npy, .png of 8 or 16 bits, .tif of 8 or 16 bits or of floats of 32, .pfm, COLMAP's "
+    ".bin, rows of numbers as .csv or .txt)"
+)
+log = logging.getLogger("endolab")
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +51,8 @@ def read_depth_map(
     ----------
     source : path or (H, W) array
         What `save_depth` wrote; or an .npy, an .npz (of an array called depth, z, distance …, or of one
-        array), a PNG of 8 or 16 bits, a TIFF of integers or floats. EXR is read where OpenCV is built for it.
+        array), a PNG of 8 or 16 bits, a TIFF of integers or floats, of which a third channel is z, a PFM,
+        COLMAP's .bin, or rows of numbers. EXR is read where OpenCV is built for it.
     kind : {"z", "distance", "disparity"}, optional
         What it holds, if neither the file nor the name of its array says: z by default. A disparity is one
         over z, up to a factor.
@@ -54,7 +62,7 @@ def read_depth_map(
     Returns
     -------
     DepthMap
-        What is no positive number is unknown, nan.
+        What is no positive number is unknown, nan; where all are negative, they are turned, which is logged.
 
     Raises
     ------
@@ -83,10 +91,18 @@ def read_depth_map(
     else:
         stored = _read_numbers(Path(source))
     values = np.squeeze(stored)
+    if values.ndim == 3 and np.all(values == values[..., :1]):
+        values = values[..., 0]
     if values.ndim != 2 or values.dtype.kind not in "fiu":
         found = f"{stored.dtype} of shape {stored.shape}"
         raise ValueError(f"{source}: expected one number for each pixel, found {found}")
     values = values.astype(np.float64)
+    if np.any(values < 0) and not np.any(values > 0):
+        log.warning(
+            "%s: all its numbers are negative, as z is where a camera looks along -z",
+            source,
+        )
+        values = -values
     values[~(np.isfinite(values) & (values > 0))] = np.nan
     is_inverse = (kind or held) == "disparity"
     if is_inverse:
@@ -98,15 +114,27 @@ def read_depth_map(
 
 
 def _read_numbers(source: Path) -> np.ndarray:
-    """Read an .npy, a PNG, or a TIFF of integers or floats, or an EXR where OpenCV can."""
-    if source.suffix.lower() == ".png":
+    """Read a file of numbers, other than an .npz; of three that are floats, the third, which is z."""
+    suffix = source.suffix.lower()
+    if suffix == ".png":
         return read_stored(source)[0]
     content = read_bytes(source)
     with name_damage(source, WHAT), quiet():
-        if source.suffix.lower() == ".npy":
+        if suffix == ".npy":
             return np.asarray(np.load(io.BytesIO(content), allow_pickle=False))
+        if suffix in TEXTS:
+            return np.loadtxt(
+                re.sub("[,;]", " ", content.decode("utf-8-sig")).splitlines(), ndmin=2
+            )
+        colmap = re.match(rb"(\d+)&(\d+)&1&", content)
+        if colmap:
+            shape = int(colmap[2]), int(colmap[1])
+            return np.frombuffer(content[colmap.end() :], "<f4").reshape(shape)
         stored = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
-        return np.array(stored, np.float64)
+        if stored is None:
+            raise ValueError
+        is_xyz = stored.dtype.kind == "f" and stored.shape[2:] == (3,)
+        return stored[..., 0] if is_xyz else stored  # OpenCV's order is the third first
 
 
 def _choose_array(source: PathLike, names: list[str]) -> tuple[str, str]:

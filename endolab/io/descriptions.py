@@ -14,6 +14,7 @@ from endolab.calibration.targets import (
     target_in_words,
 )
 from endolab.io.atomic import PathLike, as_json, read_json, write_atomically
+from endolab.io.cameras.documents import read_document
 from endolab.model.cameras import Camera
 from endolab.model.endoscope import Calibration
 from endolab.model.photometry import NOMINAL
@@ -69,4 +70,13 @@ def read_target(name_or_path: PathLike) -> Target:
         return found
     if not os.path.exists(name) and Path(name).suffix.lower() != ".json":
         raise unknown_name("target", name, [*TARGETS, PRINTED], "a JSON file")
+    board = read_document(name) if name.endswith((".yaml", ".yml")) else {}
+    if isinstance(board, dict) and "target_type" in board:
+        known = PRINTED
+        if board["target_type"] == "checkerboard":
+            size = f"{board['targetCols'] + 1}x{board['targetRows'] + 1}"
+            known = f"chessboard:{size}:{1000 * board['rowSpacingMeters']:g}mm"
+        raise ValueError(
+            f"{name}: a board by Kalibr, of corners and metres: give --target {known}"
+        )
     return from_content(AnyTarget, read_json(name, "target file"), name)

@@ -29,7 +29,9 @@ def save_found(found: Found, path: PathLike) -> None:
     """Write what was found, whole or not at all."""
     problem = found.problem
     facts = {
-        "report": TypeAdapter(Report).dump_python(problem.report, mode="json"),
+        "report": TypeAdapter(Report).dump_python(
+            replace(problem.report, calibration=None), mode="json"
+        ),
         "own": Calibration(problem.camera, problem.photometry).to_dict(),
         "believed": replace(found.believed, evidence={}).to_dict(),
         "settings": found.settings.as_dict(),

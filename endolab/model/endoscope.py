@@ -58,7 +58,9 @@ class Calibration:
                 f"{camera.width}x{camera.height} px, got {column},{row},{width},{height}"
             )
         centre = {"cx": camera.cx - column, "cy": camera.cy - row}
-        return replace(self, camera=replace(camera, width=width, height=height, **centre))
+        cut = replace(camera, width=width, height=height, **centre)
+        known = self.evidence | {"crop": [column, row, width, height]}
+        return replace(self, camera=cut, evidence=known)
 
     def fit(self, name: str, width: int, height: int) -> Self:
         """Return the same for pictures of this size, px, which have its shape.

@@ -47,7 +47,9 @@ class Found:
             image=image,
             camera=calibration.camera.resize(columns, rows),
             **settings.energy,
-            report=replace(found.report, asked=asked, **lamps_of(calibration)),
+            report=replace(
+                found.report, asked=asked, calibration=calibration, **lamps_of(calibration)
+            ),
         )
         channel = found.report.channel
         channel = "green" if channel in (SEPARATED, None) else channel

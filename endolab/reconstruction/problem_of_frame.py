@@ -76,12 +76,7 @@ def problem_of_frame(frame: Frame, calibration: Calibration, settings: Settings)
         report = Report(
             frame=frame.name,
             picture_size=picture_size,
-            calibrated_size=(calibration.camera.width, calibration.camera.height),
-            nominal=tuple(
-                part
-                for part in ("camera", "photometry")
-                if calibration.evidence.get(part, {}).get("nominal") is True
-            ),
+            calibration=calibration,
             width=camera.width,
             height=camera.height,
             channel=name,

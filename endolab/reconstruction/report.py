@@ -56,10 +56,12 @@ def _of_picture(report: Report) -> Iterator[str]:
         yield (
             f"It was stopped in the stage '{report.stage}': light and contours were still being looked for."
         )
-    own, known = report.picture_size, report.calibrated_size
-    if own and known and own != known:
+    own = report.picture_size
+    known = None if report.calibration is None else report.calibration.camera
+    if own and known and own != (known.width, known.height):
         yield (
-            f"The calibration, for {known[0]}x{known[1]} px, was scaled to the picture's {own[0]}x{own[1]}."
+            f"The calibration, for {known.width}x{known.height} px, was scaled to the picture's "
+            f"{own[0]}x{own[1]}."
         )
     if report.box_share:
         yield (
@@ -199,6 +201,12 @@ def _of_gamma(result: Result | Iterate) -> str:
     )
 
 
+def nominal_light(result: Result) -> Iterator[str]:
+    """Say what it may cost that nobody measured the light, if so."""
+    if "photometry" in result.report.nominal:
+        yield _of_gamma(result)
+
+
 def notes_on_pixels(
     problem: Problem, field_of_view: BoolArray, with_ray: BoolArray
 ) -> Iterator[str]:
@@ -250,7 +258,8 @@ def summary(result: Result, sigma: FloatArray | None = None) -> Iterator[str]:
         f"distance: median {np.median(known):.4g}, from {known.min():.4g} to {known.max():.4g} "
         f"({result.problem.unit})"
     )
-    yield from (*notes(result), *_of_evidence(result.problem), *warnings(result))
+    yield from (*nominal_light(result), *notes(result))
+    yield from (*_of_evidence(result.problem), *warnings(result))
     if sigma is not None:
         percent = 100 * sigma[result.mask] / known
         low, middle, high = np.percentile(percent, [10, 50, 90])
@@ -311,6 +320,7 @@ DIM = (
     0.1  # of what the file can hold; the brightest pixel of a usual frame has 0.8 and more
 )
 SATURATED_SHARE = 0.1  # of one colour; usual frames have up to .03
+BLOWN_OUT = 0.05  # of the pixels, in all that is solved
 WITHOUT_RAY = 0.02  # of the picture's pixels
 # Of the energy, from one step of Gauss-Newton: where Gauss-Newton ends by itself it is .18 at most, and of
 # primal-dual's surfaces .24 and more.
@@ -356,12 +366,21 @@ def warnings(result: Result) -> Iterator[str]:
         )
     if noise_left(result)[0] ** 2 > NOISE * np.var(problem.image[mask]):
         yield "More than half of the picture's contrast is noise: it may show nothing, or no cavity."
+    blown_out = np.zeros_like(mask)
+    if problem.evidence is not None:
+        blown_out = mask & (problem.evidence == LOWER_BOUND)
+    share = float(blown_out[mask].mean())
+    if share >= BLOWN_OUT:
+        yield (
+            f"{100 * share:.0f} % is saturated: at least that bright, and maybe nearer; less exposure would "
+            "tell more."
+        )
     if picture.ndim == 3:
         red, _, blue = np.median(picture[mask], axis=0)
         if blue > red:
             yield "Blue is brighter than red, unlike tissue: they may be swapped, or the picture inverted."
         # Not those of the one channel that is solved: `meaning` tells of them.
-        lost = np.mean(picture[mask] >= SATURATED, axis=0)
+        lost = np.mean(picture[mask & ~blown_out] >= SATURATED, axis=0)
         for name, share in zip(CHANNELS, lost, strict=True):
             if share > SATURATED_SHARE and result.report.channel == "separated":
                 yield (

@@ -10,6 +10,8 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any
 
+from endolab.model.endoscope import Calibration
+
 
 class LightOutcome(Enum):
     """What became of light that bounced from wall to wall."""
@@ -49,8 +51,8 @@ class Report:
     picture_size: tuple[int, int] | None = (
         None  # columns, rows of the frame that was given, px
     )
-    calibrated_size: tuple[int, int] | None = None  # of the pictures of the calibration
-    nominal: tuple[str, ...] = ()  # "camera", "photometry": what nobody measured
+    # Of the endoscope, as it was used.
+    calibration: Calibration | None = field(default=None, repr=False)
     width: int = 0  # of the problem, px
     height: int = 0
     # "separated" if it is made of all three colours.
@@ -93,6 +95,13 @@ class Report:
     scale: str = ""
     length: Any = None
     length_by_gain: float | None = None  # what the gain says of that length, mm
+
+    @property
+    def nominal(self) -> list[str]:
+        """What of the endoscope nobody measured: "camera", "photometry"."""
+        known = {} if self.calibration is None else self.calibration.evidence
+        parts = ("camera", "photometry")
+        return [part for part in parts if known.get(part, {}).get("nominal") is True]
 
     @property
     def albedo(self) -> tuple[float, ...] | None:

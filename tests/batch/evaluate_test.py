@@ -118,6 +118,32 @@ def test_arrays_are_aligned_as_what_they_are(caplog, truth, change, how, percent
     assert falls is ((change(9.0) < change(8.0)) is not ("kind" in how))
 
 
+def test_what_a_truth_may_hold(tmp_path, truth, guess, caplog):
+    """One largest number is unknown; z behind a camera is turned; channels and XYZ are one map."""
+    z = np.nan_to_num(truth[0]).astype(np.float32)
+    expected = papers(guess, truth[0])
+    far = np.where(z > 0, z, 1e10)
+    xyz = np.dstack([z, np.ones_like(z), -z])  # as OpenCV has them: Z, Y, X
+    head = f"{SHAPE[1]}&{SHAPE[0]}&1&".encode()
+    np.save(tmp_path / "back.npy", -z)
+    np.save(tmp_path / "far.npy", far)
+    np.save(tmp_path / "three.npy", np.dstack([z, z, z]))
+    np.savetxt(tmp_path / "rows.csv", z, delimiter=",")
+    cv2.imwrite(str(tmp_path / "xyz.tiff"), xyz)
+    cv2.imwrite(str(tmp_path / "z.pfm"), z)
+    (tmp_path / "a.png.geometric.bin").write_bytes(head + z.tobytes())
+    for path in tmp_path.glob("[!t]*.*"):
+        made = evaluate(guess, path, unit=1)
+        assert figures(made) == pytest.approx(expected, abs=1e-4), path
+    assert "one number" in caplog.text
+    assert "negative" in caplog.text
+    near = evaluate(guess, tmp_path / "z.pfm", unit=1, max_depth=30)
+    assert near.errors.pixels == np.sum((guess > 0) & (z > 0) & (z <= 30))
+    cv2.imwrite(str(tmp_path / "own1_depth.png"), np.uint16(z))
+    with pytest.raises(ValueError, match="by its name"):
+        evaluate(guess, tmp_path / "own1_depth.png", unit=1)
+
+
 def test_a_mask(tmp_path, truth, guess):
     np.save(tmp_path / "z.npy", guess)
     mask = np.zeros(SHAPE)

@@ -23,7 +23,12 @@ def frames_of(width):
     """Yield name, frame, calibration and true distance (H, W)."""
     for noise in (0.0, 1.0):
         shot = Shot("colon", el.load_calibration("simple", width), noise=noise, bits=8)
-        yield f"colon, noise {noise:g}", shot.frame, shot.calibration, shot.truth.distance
+        yield (
+            f"colon, noise {noise:g}",
+            shot.frame,
+            shot.calibration,
+            shot.truth.distance,
+        )
     for name in ("matt", "wet-1"):
         sample = el.load_traced(name)
         height = width * 3 // 4

@@ -18,7 +18,8 @@ from endolab.cli import main as cli
 from endolab.io.images import read_image, write_image
 from endolab.io.settings import SolvingSettings, write_settings
 
-OUTPUTS = ["cloud.ply", "depth.npz", "overview.png", "recording.rrd", "report.json"]
+OUTPUTS = ["cloud.ply", "depth.npz", "endoscope.json", "overview.png"]
+OUTPUTS += ["recording.rrd", "report.json"]
 
 
 def call(words):

@@ -15,6 +15,7 @@ import pytest
 
 import endolab as el
 from endolab.cli import main as cli
+from endolab.cli.solving import tunnel
 from endolab.cli.tune import find_pictures, read_truth
 from endolab.io.surfaces import read_depth
 
@@ -50,6 +51,14 @@ def test_the_truth_is_a_distance(made):
     known = np.isfinite(found)
     assert known.mean() > 0.9
     np.testing.assert_allclose(found[known], expected["distance"][known], rtol=1e-3)
+
+
+def test_over_ssh_it_says_what_to_type(monkeypatch):
+    monkeypatch.setenv("DISPLAY", ":0")
+    monkeypatch.delenv("SSH_CONNECTION", raising=False)
+    assert not tunnel(8877)
+    monkeypatch.setenv("SSH_CONNECTION", "10.0.0.2 50000 10.0.0.1 22")
+    assert re.search(r"ssh -L 8877:127\.0\.0\.1:8877 \S+@10\.0\.0\.1$", tunnel(8877))
 
 
 def test_it_prints_a_link_on_the_next_free_port_and_ends_by_interrupt(made):

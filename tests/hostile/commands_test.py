@@ -14,7 +14,7 @@ import pytest
 from tests.hostile.conftest import EXAMPLES, run, sentences, whole
 
 KNOWN = "--calibration endoscope.json"
-RESULT = {"depth.npz", "cloud.ply", "overview.png", "recording.rrd"}
+RESULT = {"cloud.ply", "depth.npz", "endoscope.json", "overview.png", "recording.rrd"}
 SIMULATED = {"endoscope.json", "frame.png", "truth.npz"}
 # Of each command: its words, what it writes, and the files that come together or not at all.
 COMMANDS = {

@@ -9,6 +9,8 @@ from endolab.reconstruction.report import describe, summary, warnings
 from tests.tools.problems import Shot, relit
 
 WIDTH = 160
+ROW, COLUMN = np.indices((240, 320))
+DISC = (np.hypot(COLUMN - 60, ROW - 190) < 55)[..., None]
 
 
 @pytest.fixture(scope="module")
@@ -33,6 +35,7 @@ def test_nothing_is_said_of_what_is_usual(name):
         (lambda image: 1 - image, "Blue is brighter"),
         (lambda image: image[..., ::-1], "Blue is brighter"),
         (lambda image: image / 16, "bits"),
+        (lambda image: np.where(DISC, 1.0, image), "12 % is saturated"),
         (lambda image: np.random.default_rng(0).random(image.shape), "contrast"),
         (
             lambda image: 0.1 + 0.8 * (np.indices(image.shape).sum(axis=0) // 32 % 2),
@@ -75,6 +78,12 @@ def test_a_solver_that_has_not_come_to_the_minimum_is_the_cause(options):
     assert "contrast" in sentence
     assert "minimum" in sentence
     assert "λ" not in sentence
+
+
+def test_what_a_nominal_light_may_cost_is_printed(wet):
+    known = el.nominal_calibration(wet.frame)
+    result = el.reconstruct(wet.frame, known, width=WIDTH, solver="facing")
+    assert "With γ 2.2" in " ".join(summary(result))
 
 
 def test_a_lost_decimal_point_is_doubted_and_needs_no_more_memory(wet):

@@ -129,8 +129,8 @@ def _refine(picture: Numbers, corners: Numbers, half: int) -> Numbers:
     return cv2.cornerSubPix(picture, corners.copy(), (half, half), (-1, -1), stop)
 
 
-def _detect_charuco(grey: FloatArray, target: Charuco) -> tuple[IntArray, FloatArray]:
-    """Find the corners of a ChArUco board beside which a marker is read."""
+def _charuco_corners(grey: FloatArray, target: Charuco) -> tuple[IntArray, FloatArray, str]:
+    """Find the corners of a ChArUco board beside which a marker is read, and say which markers are."""
     options = cv2.aruco.CharucoParameters()
     # Next to a corner; a corner that is wrong for it is left out below.
     options.minMarkers = 1
@@ -148,16 +148,24 @@ def _detect_charuco(grey: FloatArray, target: Charuco) -> tuple[IntArray, FloatA
         fits, _ = check_places(grid, np.zeros(grid.shape[:2], int), least=4)
         grid[~fits] = np.nan
     kept = np.flatnonzero(fits)
-    if len(kept) < constants.LEAST_CORNERS:
-        own = np.ravel(target.board.getIds())
-        read = "no marker is read"
-        if markers is not None:
-            read = f"{len(markers)} markers are read, {markers.min()} to {markers.max()}"
-        raise NotFoundError(
-            f"{read}, of the board's {own.min()} to {own.max()}; {len(kept)} corners agree, "
-            f"{constants.LEAST_CORNERS} are needed"
-        )
-    return kept, _rescale(grid.reshape(-1, 2)[kept], picture, grey)
+    read = "no marker is read"
+    if markers is not None:
+        read = f"{len(markers)} markers are read, {markers.min()} to {markers.max()}"
+    return kept, _rescale(grid.reshape(-1, 2)[kept], picture, grey), read
+
+
+def _detect_charuco(grey: FloatArray, target: Charuco) -> tuple[IntArray, FloatArray]:
+    """Find the corners of a ChArUco board; one in a mirror is told from none."""
+    kept, corners, read = _charuco_corners(grey, target)
+    if len(kept) >= constants.LEAST_CORNERS:
+        return kept, corners
+    if len(_charuco_corners(np.fliplr(grey), target)[0]) >= constants.LEAST_CORNERS:
+        raise NotFoundError("the picture is a mirror image: exchange its left and right")
+    own = np.ravel(target.board.getIds())
+    raise NotFoundError(
+        f"{read}, of the board's {own.min()} to {own.max()}; {len(kept)} corners agree, "
+        f"{constants.LEAST_CORNERS} are needed"
+    )
 
 
 def _search_board(picture: Numbers, pattern: tuple[int, int]) -> tuple[Numbers, Numbers]:

@@ -8,12 +8,23 @@ from pathlib import Path
 from typing import Any
 
 from endolab.io.atomic import PathLike
-from endolab.io.cameras.documents import read_document
-from endolab.io.cameras.readers import MissingSize, Size, list_cameras, make_camera
+from endolab.io.cameras.documents import INI, read_document
+from endolab.io.cameras.readers import MissingSize, Size, leaves, list_cameras, make_camera
 from endolab.model.cameras import Camera
 from endolab.model.endoscope import NOMINAL_LIGHT, Calibration
 from endolab.model.photometry import NOMINAL
 from endolab.numerics.checks import shorten, unknown_name
+
+# What is not read, by how a suffix or a key begins, and the way on.
+WAYS_ON = {
+    ".bin": "COLMAP's binary: `colmap model_converter --output_type TXT` makes cameras.txt of it",
+    INI: "an .ini: ROS's `camera_calibration_parsers convert` makes YAML of it, and its .yaml is beside it",
+    "calibration.projection": "Metashape's: save it as OpenCV's, in its Camera Calibration",
+    "document.chunk": "Metashape's: save it as OpenCV's, in its Camera Calibration",
+    "target_type": "a board of Kalibr, which --target is for",
+}
+LEAST_FOCAL = 0.05  # of the width; a fisheye of 230° has a quarter
+FAR_OFF = 0.2  # of the picture, from its middle to the principal point
 
 
 def split_choice(name: PathLike) -> tuple[str, str | None]:
@@ -25,47 +36,89 @@ def split_choice(name: PathLike) -> tuple[str, str | None]:
     return file, which
 
 
-def _choose(path: PathLike, size: Size | None) -> tuple[Any, Camera | None, dict[str, Any]]:
-    """Read the document; the camera that is taken from it, unless it is endolab's; and where that is from."""
+def _choose(file: str, which: str | None, document: Any, size: Size | None) -> Calibration:
+    """Make a calibration of a document that is not endolab's, with evidence of where it is from."""
+    names = [Path(file).suffix, *(name for name, _ in leaves(document))]
+    for known, way in WAYS_ON.items():
+        if any(name.startswith(known) for name in names):
+            raise ValueError(way)
+    form, cameras = list_cameras(document)
+    if not cameras:
+        raise ValueError(
+            "no calibration that can be read, which are endoscope.json and those of OpenCV, ROS, "
+            "Kalibr, COLMAP, ORB-SLAM, nerfstudio, Vicalib and C3VD; for MATLAB's, mrcal's and OCamCalib's "
+            "the guide bring_your_own says which numbers to type where"
+        )
+    if which is not None and which not in cameras:
+        raise unknown_name("camera", which, cameras, "none at all")
+    taken = next(iter(cameras)) if which is None else which
+    source = {"file": Path(file).name, "format": form, "camera": shorten(taken)}
+    if which is None and len(cameras) > 1:
+        source["others"] = shorten(", ".join(cameras))
+    camera = make_camera(form, cameras[taken], size)
+    return Calibration(camera, NOMINAL, NOMINAL_LIGHT | {"converted": source})
+
+
+def _check_camera(camera: Any) -> str:
+    """Say that the centre is far off the middle of the picture; ValueError for what no camera has."""
+    focal = getattr(camera, "fx", camera.width)
+    if focal < LEAST_FOCAL * camera.width:
+        raise ValueError(
+            f"fx {focal:g} of {camera.width} columns: normalised by the size, or in mm? Expected px"
+        )
+    place = f"the principal point, {camera.cx:g}, {camera.cy:g} px of {camera.width}x{camera.height}"
+    off = max(
+        abs((camera.cx + 0.5) / camera.width - 0.5),
+        abs((camera.cy + 0.5) / camera.height - 0.5),
+    )
+    if off > 0.5:
+        raise ValueError(
+            f"{place}, lies outside the picture: is the size another? For a part of a picture give "
+            "the calibration of the whole, and --crop"
+        )
+    return f"{place}, is far off its middle: is the size another?" if off > FAR_OFF else ""
+
+
+def _read(path: PathLike, size: Size | None) -> tuple[Calibration, list[str]]:
+    """Read a calibration file of any kind, and what is to be said of it."""
     file, which = split_choice(path)
     document = read_document(file)
-    if isinstance(document, dict) and {"endolab", "photometry"} & document.keys():
+    nominal = f"its light is nominal: k {NOMINAL.k:g}, γ {NOMINAL.gamma:g}, gain unknown"
+    is_own = isinstance(document, dict) and bool(
+        {"endolab", "photometry"} & document.keys()
+    )
+    notes = []
+    if is_own:
         camera = document.get("camera")
         if isinstance(camera, dict) and "a0" in camera:  # a polynomial as C3VD's
             a = [camera.pop(f"a{power}", 0.0) for power in range(5)]
             document["camera"] = camera | {"a": a}
-        return document, None, {}
+        made = Calibration.from_dict(document, str(Path(path)))
+        if "photometry" not in document:
+            notes.append(nominal)
     try:
-        form, cameras = list_cameras(document)
-        if not cameras:
-            raise ValueError(
-                "no calibration that can be read, which are endoscope.json and those of OpenCV, ROS, "
-                "Kalibr, COLMAP, Vicalib and C3VD; for MATLAB's, mrcal's and OCamCalib's the guide "
-                "bring_your_own says which numbers to type where"
-            )
-        if which is not None and which not in cameras:
-            raise unknown_name("camera", which, cameras, "none at all")
-        taken = next(iter(cameras)) if which is None else which
-        camera = make_camera(form, cameras[taken], size)
+        if not is_own:
+            made = _choose(file, which, document, size)
+            source = made.evidence["converted"]
+            notes.append(f"{source['format']}; {nominal}")
+            if "others" in source:
+                name = f"{source['file']}#NAME"
+                notes.append(
+                    f"{source['camera']} is taken, {name} takes one of {source['others']}"
+                )
+        if "crop" not in made.evidence:
+            notes.append(_check_camera(made.camera))
     except MissingSize as error:
         raise MissingSize(f"{file}: {error}") from error
     except (KeyError, ValueError, TypeError, AttributeError, OverflowError) as error:
         what = f"there is no {error}" if isinstance(error, KeyError) else str(error)
         raise ValueError(f"{file}: {shorten(what, 400)}") from error
-    source = {"file": Path(file).name, "format": form, "camera": shorten(taken)}
-    if which is None and len(cameras) > 1:
-        source["others"] = shorten(", ".join(cameras))
-    return document, camera, source
+    return made, [note for note in notes if note]
 
 
 def read_camera(path: PathLike, size: Size | None = None) -> Camera:
     """Read the camera of a calibration file of any kind; parameters as of `read_calibration`."""
-    document, camera, _ = _choose(path, size)
-    return (
-        Calibration.from_dict(document, str(Path(path))).camera
-        if camera is None
-        else camera
-    )
+    return _read(path, size)[0].camera
 
 
 def read_calibration(path: PathLike, size: Size | None = None) -> Calibration:
@@ -74,8 +127,8 @@ def read_calibration(path: PathLike, size: Size | None = None) -> Calibration:
     Parameters
     ----------
     path : path
-        An `endoscope.json`, or a file of OpenCV, ROS, Kalibr, COLMAP, Vicalib or C3VD; ``FILE#NAME`` for
-        one of several cameras.
+        An `endoscope.json`, or a file of OpenCV, ROS, Kalibr, COLMAP, ORB-SLAM, nerfstudio, NumPy, Vicalib
+        or C3VD, or with one's own names; ``FILE#NAME`` for one of several cameras.
     size : (columns, rows), optional
         Of the pictures, px, for a file that does not say.
 
@@ -89,15 +142,8 @@ def read_calibration(path: PathLike, size: Size | None = None) -> Calibration:
     OSError, ValueError
         In one sentence that names the file and what in it is wrong; `MissingSize` if that is all.
     """
-    document, camera, source = _choose(path, size)
-    nominal = f"its light is nominal: k {NOMINAL.k:g}, γ {NOMINAL.gamma:g}, gain unknown"
-    log = logging.getLogger("endolab")
-    if camera is None:
-        if "photometry" not in document:
-            log.warning("%s: %s", path, nominal)
-        return Calibration.from_dict(document, str(Path(path)))
-    text = f"{source['file']}: {source['format']}; {nominal}"
-    if "others" in source:
-        text += f"; {source['camera']} is taken, {source['file']}#NAME takes one of {source['others']}"
-    log.warning("%s", text)
-    return Calibration(camera, NOMINAL, NOMINAL_LIGHT | {"converted": source})
+    made, notes = _read(path, size)
+    if notes:
+        name = made.evidence.get("converted", {}).get("file", path)
+        logging.getLogger("endolab").warning("%s: %s", name, "; ".join(notes))
+    return made

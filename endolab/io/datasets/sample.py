@@ -43,7 +43,9 @@ def read_stored_depth(path: PathLike, step: float) -> np.ndarray:
         found = f"{stored.dtype} of shape {stored.shape}"
         raise ValueError(f"{path}: expected one channel of uint16, found {found}")
     if stored.max() * step < 2:  # mm; no endoscope has all it sees nearer
-        raise ValueError(f"{path}: expected depths beyond 2 mm; is it in another unit?")
+        raise ValueError(
+            f"{path}: no depth beyond 2 mm in the data set's unit, by its name; --truth-unit says another"
+        )
     return stored
 
 

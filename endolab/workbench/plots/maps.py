@@ -20,7 +20,7 @@ from endolab.metrics.depth_errors import depth_cuts
 from endolab.model.cameras import RayField
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.reconstruction.prepare import prepare
-from endolab.reconstruction.report import meaning, warnings
+from endolab.reconstruction.report import meaning, nominal_light, warnings
 from endolab.reconstruction.uncertainty import Uncertainty
 from endolab.solvers.energy import model_image
 from endolab.solvers.result import Iterate, Result
@@ -294,7 +294,8 @@ def overview(
         figure.text(0.5, 0.98, "  ·  ".join(words), **place)
         lines = "\n".join(["", *doubts])
         figure.text(0.5, 0.98, lines, color=HOUSE.vermilion, **place)
-        figure.supxlabel(meaning(result)[0], size="medium")
+        below = [meaning(result)[0], *nominal_light(result)]
+        figure.supxlabel("\n".join(below), size="medium")
     return figure
 
 

@@ -12,6 +12,7 @@ from endolab.io.atomic import (
     stage_folder,
     write_atomically,
 )
+from endolab.io.descriptions import write_calibration
 from endolab.io.images import write_figure
 from endolab.io.surfaces import save_depth, write_mesh
 from endolab.model.mesh import Mesh
@@ -95,7 +96,9 @@ def save_result(
     overwrite: bool = False,
     undrawn: list[str] | None = None,
 ) -> None:
-    """Write `depth.npz`, `cloud.ply`, `overview.png` and `report.json` into a folder.
+    """Write `depth.npz`, `cloud.ply`, `overview.png`, `endoscope.json` and `report.json` into a folder.
+
+    `endoscope.json` is the calibration as it was used: by it the result can be made again.
 
     Parameters
     ----------
@@ -127,7 +130,7 @@ def save_result(
     >>> el.save_result(el.reconstruct(sample.frame, sample.calibration, width=96, channel="green"), "out")
     >>> from pathlib import Path
     >>> sorted(path.name for path in Path("out").iterdir())
-    ['cloud.ply', 'depth.npz', 'overview.png', 'report.json']
+    ['cloud.ply', 'depth.npz', 'endoscope.json', 'overview.png', 'report.json']
     """
     inside = result.mask
     cloud = Mesh(
@@ -151,6 +154,8 @@ def save_result(
         if mesh and uncertainty is not None:
             coloured = make_mesh(result, sigma=uncertainty.sigma)
             write_mesh(staging / "mesh_uncertainty.ply", coloured)
+        if result.report.calibration is not None:
+            write_calibration(result.report.calibration, staging / "endoscope.json")
         facts = report(result, uncertainty)
         facts["warnings"] += undrawn
         write_atomically(staging / "report.json", as_json(facts))

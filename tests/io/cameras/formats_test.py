@@ -6,7 +6,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-import yaml
+from hypothesis import given
+from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 import endolab as el
@@ -61,38 +62,117 @@ def test_opencv_writes_it(tmp_path, suffix, count):
     assert isinstance(read_camera(path), el.BrownConrady)
 
 
-def test_a_size_that_is_missing(tmp_path):
-    path = as_stored(tmp_path / "a.yaml", BROWN[:5], {})
-    with pytest.raises(ValueError, match=r"a\.yaml.*size"):
-        el.load_calibration(path)
-    assert el.load_calibration(path, size=(320, 240)).camera.height == 240
-
-
 ROS = {
     "image_width": 320,
     "image_height": 240,
     "camera_name": "narrow",
+    "distortion_model": "plumb_bob",
     "camera_matrix": {"rows": 3, "cols": 3, "data": K.ravel().tolist()},
 }
 
 
-@pytest.mark.parametrize(
-    ("model", "k"),
-    [
-        ("plumb_bob", BROWN[:5]),
-        ("rational_polynomial", BROWN),
-        ("equidistant", FISHEYE),
-    ],
+FIVE = list(BROWN[:5])
+FLAT = {"fx": 300, "fy": 310, "cx": 160, "cy": 120} | dict(
+    zip(["k1", "k2", "p1", "p2", "k3"], FIVE, strict=True)
 )
-def test_ros(write, model, k):
-    matrix = {"rows": 1, "cols": len(k), "data": list(k)}
-    written = ROS | {"distortion_model": model, "distortion_coefficients": matrix}
-    echoed = {"height": 240, "width": 320, "distortion_model": model}
-    echoed |= {"D": list(k), "K": K.ravel().tolist()}
-    expected = by_opencv(k, model == "equidistant")
-    for text in (yaml.safe_dump(written), yaml.safe_dump(echoed) + "---\n"):
-        camera = read_camera(write("camera.yaml", text))
-        assert_allclose(camera.project(POINTS), expected, atol=1e-9)
+SIZE = {"width": 320, "height": 240}
+FORMS = {
+    "ROS": ROS | {"distortion_coefficients": {"rows": 1, "cols": 5, "data": FIVE}},
+    "ROS, echoed": f"height: 240\nwidth: 320\nD: {FIVE}\nK: {K.ravel().tolist()}\n---\n",
+    "legacy": {
+        "Camera_Matrix": K.tolist(),
+        "kc": FIVE,
+        "image_Width": 320,
+        "image_Height": 240,
+    },
+    "camel": {
+        "cameraMatrix": K.tolist(),
+        "distortionParameters": [FIVE],
+        "imageSize": [320, 240],
+    },
+    "snake": {
+        "mtx": K.tolist(),
+        "distortion_params": [FIVE],
+        "input_image_size": [320, 240],
+    },
+    "RealSense": {"ppx": 160, "ppy": 120, "fx": 300, "fy": 310, "coeffs": FIVE, **SIZE},
+    "flat": FLAT | SIZE,
+    "own": {"intrinsics": FLAT | SIZE},
+    "left": {"left": {"K": K.tolist(), "D": FIVE}, "T": [1, 2, 3], **SIZE},
+    "nerfstudio": {
+        "camera_model": "OPENCV",
+        "fl_x": 300,
+        "fl_y": 310,
+        "w": 320,
+        "h": 240,
+    }
+    | FLAT
+    | {"cx": 160.5, "cy": 120.5, "frames": [{"transform_matrix": np.eye(4).tolist()}]},
+    "ORB-SLAM2": "".join(
+        f"Camera.{name}: {float(value)}\n" for name, value in FLAT.items()
+    )
+    + "Camera.width: 320\nCamera.height: 240\nLEFT.P: !!opencv-matrix\n   data:[1., 0.]\n",
+    "ORB-SLAM3": 'Camera.type: "PinHole"\nCamera.width: 320\nCamera.height: 240\n'
+    + "".join(f"Camera1.{name}: {float(value)}\n" for name, value in FLAT.items()),
+    "legacy encoding": 'time: "f\xe9v."\nimage_size: [320, 240]\n'
+    f"K: {K.ravel().tolist()}\nD: {FIVE}\n",
+}
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_whatever_the_names_are_the_camera_is_one(tmp_path, form):
+    text = FORMS[form] if isinstance(FORMS[form], str) else json.dumps(FORMS[form])
+    path = tmp_path / "mine"
+    path.write_text(text, encoding="latin-1")
+    assert read_camera(path) == el.BrownConrady(320, 240, 300, 310, 160, 120, FIVE)
+
+
+def test_numpys_and_rows_of_a_matrix(tmp_path, write):
+    np.savez(tmp_path / "a.npz", mtx=K, dist=[FIVE], rvecs=np.array([None]))
+    found = read_camera(tmp_path / "a.npz", (320, 240))
+    assert found == el.BrownConrady(320, 240, 300, 310, 160, 120, FIVE)
+    for text in (
+        "300 0 160\n0 310 120\n0 0 1\n",
+        "300,0,160,0\n0,310,120,0\n0,0,1,0\n",
+    ):
+        found = read_camera(write("k.txt", text), (320, 240))
+        assert found == el.Pinhole(320, 240, 300, 310, 160, 120)
+
+
+WORDS = st.sampled_from(
+    ["lens", "Numbers", "_", "poly", "model", "dist", "k", "c", "x"]
+)
+
+
+@given(st.lists(WORDS, min_size=1, max_size=4), st.sampled_from([4, 5, 8, 12, 14]))
+def test_numbers_of_a_lens_are_read_or_named(tmp_path_factory, words, count):
+    path = tmp_path_factory.mktemp("law") / "mine.json"
+    name = "".join(words)
+    given = {"mtx": K.tolist(), name: [0.01] * count} | SIZE
+    path.write_text(json.dumps(given))
+    try:
+        assert read_camera(path).k[:4] == (0.01,) * 4
+    except ValueError as error:
+        assert name in str(error) or "coefficients" in str(error)  # noqa: PT017
+
+
+def test_what_else_a_calibration_says_passes(write):
+    known = {"mtx": K.tolist(), "R": [1.0] * 9, "P": [1.0] * 12, "flags": 4, **SIZE}
+    known |= {"per_view_errors": [0.1] * 12, "rvecs": [[0.1, 0.2, 0.3]] * 5, "rms": 0.3}
+    known |= {"board_size": [9, 6], "square_size": 35, "roi": [0, 0, 320, 240]}
+    assert read_camera(write("k.json", known)) == el.Pinhole(
+        320, 240, 300, 310, 160, 120
+    )
+
+
+def test_a_centre_far_off_is_told_but_not_after_a_crop(write, caplog):
+    known = {"K": [[300, 0, 20], [0, 300, 120], [0, 0, 1]], **SIZE}
+    cut = el.load_calibration(write("far.json", known)).crop(40, 0, 280, 240)
+    assert "principal point" in caplog.text
+    caplog.clear()
+    path = write("cut.json", cut.to_dict())
+    assert el.load_calibration(path) == cut
+    assert not caplog.text
 
 
 # As Kalibr's documentation has it (the file's layout), with two cameras.

@@ -37,7 +37,10 @@ def report_in(folder):
 def test_a_result_is_saved_whole(tmp_path, result):
     folder = tmp_path / "a" / "b"
     el.save_result(result, folder)
-    assert contents(folder) == ["cloud.ply", "depth.npz", "overview.png", "report.json"]
+    files = ["cloud.ply", "depth.npz", "endoscope.json", "overview.png", "report.json"]
+    assert contents(folder) == files
+    used = el.load_calibration(folder / "endoscope.json")
+    assert used == result.report.calibration
     depth = read_depth(folder / "depth.npz")
     for name in ("distance", "z", "normals"):
         np.testing.assert_allclose(depth[name], getattr(result, name), rtol=1e-6)
