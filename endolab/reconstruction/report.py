@@ -7,7 +7,7 @@ import numpy as np
 
 from endolab.frames.boxes import find_box
 from endolab.frames.frame import SATURATED
-from endolab.frames.surround import unclear_surround
+from endolab.frames.surround import surround_doubts
 from endolab.model.photometry import CHANNELS
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.iteration import Status
@@ -381,7 +381,13 @@ def warnings(result: Result) -> Iterator[str]:
             f"{100 * without_ray:.0f} % of what the endoscope shows has no ray, and is left out: "
             "the camera's model ends or turns back before the picture does."
         )
-    if unclear_surround(picture, mask):
+    is_unclear, are_two = surround_doubts(picture, mask)
+    if are_two:
+        yield (
+            "The picture shows two fields of view, apart from each other, and the surface is of one: cut the "
+            "picture in two, or choose one with --mask."
+        )
+    if is_unclear:
         yield (
             "Corners of the picture have one flat colour and no clear edge: if they surround what the "
             "endoscope shows, a mask must leave them out."
