@@ -2,10 +2,11 @@
 
 What differs from the corners' colours is the field, but for text and boxes, and but for walls that are as
 dark as the surround. The field is the connected region about the middle, or else the largest, whatever stands
-apart from it. So a few outlines are tried: the convex hull of that region, the disc through its
-edge, and what two or three of the hull's four mirror images share, which completes a dark side from the
-other and drops a box over the edge; and where no edge is sure, the same of all regions at once. Across each point of an outline runs a profile of the contrast to the
-surround; at a field's edge it rises within RISE px and little after, while shading goes on rising:
+apart from it. So a few outlines are tried: the convex hull of that region, the disc through its edge, and
+what two or three of the hull's four mirror images share, which completes a dark side from the other and drops
+a box over the edge; and where none of them is sure, the same of all regions at once. Across each point of an
+outline runs a profile of the contrast to the surround; at a field's edge it rises within RISE px and little
+after, while shading goes on rising:
 
     contrast           .----------
                       /

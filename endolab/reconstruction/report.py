@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+import cv2
 import numpy as np
 
 from endolab.frames.boxes import find_box
@@ -233,6 +234,27 @@ def what_is_left(result: Result) -> str:
     return f"one step of Gauss-Newton would lower its energy by {100 * result.left:.0f} %"
 
 
+def field_seen(result: Result) -> dict[str, Any]:
+    """Say how wide and high the field of view is, px of the picture, and its widest angle, degrees.
+
+    That is the angle between two rays; through the axis, if it is more than half a turn.
+    """
+    problem = result.problem
+    shown = problem.mask if problem.seen is None else problem.seen
+    place = cv2.findNonZero((shown & problem.field.valid).astype(np.uint8))
+    column, row = cv2.convexHull(place)[:, 0].T
+    rays = problem.field.rays[row, column]
+    off_axis = np.arccos(np.clip(rays[:, 2], -1, 1))
+    through = off_axis[:, None] + off_axis
+    between = np.arccos(np.clip(rays @ rays.T, -1, 1))
+    picture = np.array(result.report.picture_size or shown.shape[::-1])
+    px = np.ptp(place[:, 0], axis=0) + 1
+    return {
+        "px": np.rint(px * picture / shown.shape[::-1]).astype(int).tolist(),
+        "degrees": float(np.rad2deg(np.where(through > np.pi, through, between).max())),
+    }
+
+
 def summary(result: Result, sigma: FloatArray | None = None) -> Iterator[str]:
     """Say what a run found, a line each, as the command line prints it; σ (H, W), if it is known."""
     known = result.distance[result.mask]
@@ -245,6 +267,8 @@ def summary(result: Result, sigma: FloatArray | None = None) -> Iterator[str]:
         f"distance: median {np.median(known):.4g}, from {known.min():.4g} to {known.max():.4g} "
         f"({result.problem.unit})"
     )
+    field = field_seen(result)
+    yield "field: {}x{} px, {:.0f}° across".format(*field["px"], field["degrees"])
     yield from (*notes(result), *_of_evidence(result.problem), *warnings(result))
     if sigma is not None:
         percent = 100 * sigma[result.mask] / known
@@ -306,6 +330,7 @@ DIM = (
     0.1  # of what the file can hold; the brightest pixel of a usual frame has 0.8 and more
 )
 SATURATED_SHARE = 0.1  # of one colour; usual frames have up to .03
+LITTLE_KEPT = 0.2  # by a mask, of what is shown
 WITHOUT_RAY = 0.02  # of the picture's pixels
 # Of the energy, from one step of Gauss-Newton: where Gauss-Newton ends by itself it is .18 at most, and of
 # primal-dual's surfaces .24 and more.
@@ -374,6 +399,12 @@ def warnings(result: Result) -> Iterator[str]:
         yield (
             f"{100 * misplaced:.0f} % of the mask lies beyond what the endoscope shows, and was "
             "left out: the mask may be another camera's."
+        )
+    kept = result.report.shown_share
+    if kept < LITTLE_KEPT:
+        yield (
+            f"The mask keeps {100 * kept:.2g} % of what the endoscope shows: it should be bright where the "
+            "frame is to be used."
         )
     without_ray = result.report.without_ray
     if without_ray >= WITHOUT_RAY:
