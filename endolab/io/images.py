@@ -288,7 +288,7 @@ def _read(
         stored, alpha = calibration.cut(stored), calibration.cut(alpha)
         gamma = calibration.photometry.gamma
         if is_linear and gamma != 1:
-            message = "%s says that it is linear, γ 1; the calibration's pictures have γ %g: export it like them"
+            message = "%s says that it is linear, γ 1, the calibration γ %g: export it as its pictures were"
             log.warning(message, path, gamma)
     return stored / float(np.iinfo(stored.dtype).max), alpha, is_linear
 

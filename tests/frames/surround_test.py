@@ -169,6 +169,10 @@ def test_a_mask_that_keeps_a_crescent_of_the_surround_loses_it(wall):
     beyond = (shifted & ~DISC).sum() / shifted.sum()
     assert frame.misplaced == pytest.approx(beyond, abs=0.03)
     assert el.Frame(frame.image, DISC).misplaced == 0
+    tenth = DISC & (ROW < 76)
+    assert el.Frame(frame.image, tenth).shown_share == pytest.approx(
+        tenth.sum() / DISC.sum(), abs=0.02
+    )
 
 
 @pytest.mark.parametrize(("soft", "named"), [(0.0, False), (0.47, True), (1.0, False)])
