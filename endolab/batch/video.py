@@ -116,7 +116,7 @@ def reconstruct_video(
     check_int("every", every, 1)
     if limit is not None:
         check_int("limit", limit, 1)
-    inside = None if mask is None else read_mask(mask, calibration)
+    inside = None if mask is None else calibration.cut(read_mask(mask))
     if inside is not None:
         check_size("the mask", inside.shape[::-1], calibration.camera)
     frames = open_frames(source, calibration=calibration)

@@ -127,8 +127,6 @@ def _load_endoscope(
     fov: float | None,
     crop: tuple[int, int, int, int] | None,
 ) -> Calibration:
-    import numpy as np
-
     from endolab.frames.nominal import nominal_light, nominal_of_several
     from endolab.io.cameras.readers import MissingSize
     from endolab.io.datasets.known_endoscopes import load_calibration
@@ -138,10 +136,7 @@ def _load_endoscope(
             raise ValueError("--crop is of a calibration's pictures: give it --calibration")
         known = nominal_of_several(_sample(sources), 140.0 if fov is None else fov)
         light = known.photometry
-        lens: Any = known.camera
-        fov = known.evidence["camera"]["fov"]
-        across = f"{2 * lens.fx * np.deg2rad(fov / 2):.0f} of {lens.width}x{lens.height} px"
-        angle = f"a fisheye, {fov:g}° across what it shows ({across})"
+        angle = f"a fisheye, {known.evidence['camera']['fov']:g}° across what it shows"
         text = f"no calibration: {angle}, k {light.k:g}, γ {light.gamma:g}: shape only"
         logging.getLogger("endolab").warning("%s", text)
         return known
@@ -163,22 +158,28 @@ def _sample(sources: Sequence[str]) -> Iterator[Frame]:
     import numpy as np
 
     from endolab.frames.frame import usable_pixels
-    from endolab.io.images import is_linear
+    from endolab.io.images import read_frame
     from endolab.io.video import open_frames
     from endolab.reconstruction.sequence import as_frame
 
     frames = open_frames(*sources)
-    refused = []
+    refused: list[Exception] = []
     names = frames.spread(9)
-    for name, picture in frames.read(names):
+    for name, picture in (
+        frames.read(names) if frames.is_video else dict.fromkeys(names).items()
+    ):
         try:
-            frame = as_frame(name, picture)
+            frame = (
+                read_frame(frames.path / name)
+                if picture is None
+                else as_frame(name, picture)
+            )
             shown = frame.pixels_to_use()
             usable_pixels(frame.channel()[1], shown, np.ones(shown.shape), name)
-        except ValueError as error:
+        except (OSError, ValueError, MemoryError) as error:
             refused.append(error)
         else:
-            yield replace(frame, is_linear=is_linear(frames.path / name))
+            yield frame
     if len(refused) == len(names):
         raise refused[0]
 
@@ -191,17 +192,16 @@ def _crop(known: Calibration, crop: tuple[int, int, int, int], frame: Frame) -> 
     own, size = (known.camera.width, known.camera.height), (frame.width, frame.height)
 
     def holds(whole: tuple[int, int]) -> bool:
-        inside = column + cut[0] <= whole[0] and row + cut[1] <= whole[1]
-        return inside and min(column, row) >= 0 < min(cut)
+        return column + cut[0] <= whole[0] and row + cut[1] <= whole[1]
 
-    of_frame = holds(size) and same_shape((cut[0], cut[1]), own)
-    of_known = holds(own) and same_shape(size, (cut[0], cut[1])) and own != tuple(cut)
-    if of_frame and of_known and own != size:
+    if own == size or not (holds(size) and same_shape(cut, own)):
+        return known.crop(*crop)
+    if own != tuple(cut) and holds(own) and same_shape(size, cut):
         raise ValueError(
             f"--crop {','.join(map(str, crop))} may be a part of {frame.name}, {size[0]}x{size[1]} px, or of "
             f"the calibration's {own[0]}x{own[1]} px: cut the picture first, or take Calibration.crop"
         )
-    return replace(known, part=crop) if of_frame and not of_known else known.crop(*crop)
+    return replace(known, part=crop)
 
 
 @contextmanager

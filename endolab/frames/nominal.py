@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
-from itertools import pairwise
 from typing import Any
 
 import cv2
@@ -15,8 +14,6 @@ from endolab.model.cameras import KannalaBrandt
 from endolab.model.endoscope import NOMINAL_LIGHT, Calibration
 from endolab.model.photometry import NOMINAL, Photometry
 from endolab.numerics.checks import check_kinds, number
-
-SHARED = 0.97  # of a field's width: another that is so wide is the same
 
 
 @check_kinds(frame=Frame)
@@ -69,16 +66,14 @@ def nominal_light(is_linear: bool) -> Photometry:
 def nominal_of_several(frames: Iterable[Frame], fov: float) -> Calibration:
     """Assume one endoscope for pictures of several sizes, a camera for each.
 
-    Of frames of one size the widest field counts that another has, too; one alone may show a menu, or no
-    endoscope. As of `nominal_calibration`.
+    It is that of the widest field but one: a picture alone may show a menu, or no endoscope. As of
+    `nominal_calibration`.
     """
     found: dict[tuple[int, int], list[Any]] = {}
     for frame in frames:
         known = nominal_calibration(frame, fov)
         found.setdefault((frame.width, frame.height), []).append(known)
-    chosen = []
-    for alike in found.values():
-        alike.sort(key=lambda known: -known.camera.fx)
-        shared = (a for a, b in pairwise(alike) if b.camera.fx > SHARED * a.camera.fx)
-        chosen.append(next(shared, alike[0]))
+    chosen = [
+        sorted(alike, key=lambda known: known.camera.fx)[-2:][0] for alike in found.values()
+    ]
     return replace(chosen[0], others=[known.camera for known in chosen[1:]])

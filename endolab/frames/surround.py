@@ -4,9 +4,8 @@ What differs from the corners' colours is the field, but for text and boxes, and
 dark as the surround. The field is the connected region about the middle, or else the largest, whatever stands
 apart from it. So a few outlines are tried: the convex hull of that region, the disc through its edge, and
 what two or three of the hull's four mirror images share, which completes a dark side from the other and drops
-a box over the edge; and where none of them is sure, the same of all regions at once. Across each point of an
-outline runs a profile of the contrast to the surround; at a field's edge it rises within RISE px and little
-after, while shading goes on rising:
+a box over the edge. Across each point of an outline runs a profile of the contrast to the surround; at a
+field's edge it rises within RISE px and little after, while shading goes on rising:
 
     contrast           .----------
                       /
@@ -131,25 +130,23 @@ def _find_outlines(contrast: SingleArray) -> Iterator[Field]:
             continue
         chosen = labels[high // 2, wide // 2] or 1 + sizes.argmax()
         apart = max(np.delete(sizes, chosen - 1), default=0) / sizes[chosen - 1]
-        for region in (labels == chosen, labels > 0)[: 1 + (apart > 0)]:
-            corners = cv2.convexHull(np.concatenate(_contours(region.astype(np.uint8))))
-            hull = cv2.fillConvexPoly(np.zeros_like(body), corners, 1)
-            images = hull + hull[::-1] + hull[:, ::-1] + hull[::-1, ::-1]
-            first = _measure_outline(hull > 0, contrast, glow * usual)
-            outlines = _disc(first.edge, hull.shape), images >= 2, images >= 3
-            others = [
-                _measure_outline(each, contrast, glow * usual)
-                for each in outlines
-                if len(_contours(each.astype(np.uint8))) == 1
-            ]
-            is_usual = region[high // 2, wide // 2] and region.mean() >= SMALL
-            is_sure = False
-            for field in (first, *others):
-                is_sure |= field.share > SURE
-                if len(field.edge) > 10 * RISE and (is_usual or field.share > SURE):
-                    yield field._replace(apart=float(apart))
-            if is_sure:
-                return
+        region = (labels == chosen).astype(np.uint8)
+        corners = cv2.convexHull(np.concatenate(_contours(region)))
+        hull = cv2.fillConvexPoly(np.zeros_like(body), corners, 1)
+        images = hull + hull[::-1] + hull[:, ::-1] + hull[::-1, ::-1]
+        first = _measure_outline(hull > 0, contrast, glow * usual)
+        outlines = _disc(first.edge, hull.shape), images >= 2, images >= 3
+        found = [first] + [
+            _measure_outline(each, contrast, glow * usual)
+            for each in outlines
+            if len(_contours(each.astype(np.uint8))) == 1
+        ]
+        is_usual = labels[high // 2, wide // 2] and region.mean() >= SMALL
+        for field in found:
+            if len(field.edge) > 10 * RISE and (is_usual or field.share > SURE):
+                yield field._replace(apart=float(apart))
+        if any(field.share > SURE for field in found):
+            return
 
 
 def _corners(picture: SingleArray, fraction: float) -> SingleArray:

@@ -41,7 +41,9 @@ HEADS = {
     "PNG": rb"\x89PNG",
     "JPEG": rb"\xff\xd8\xff",
     "JPEG2000": rb"\xff\x4f\xff\x51|\0\0\0\x0cjP",
-    "raw": rb"II\*\0.{4}CR|II[RU]|MMOR|FUJIFILMCCD-RAW|FOVb|.{4}ftypcrx ",
+    "raw": rb"(II\*\0|MM\0\*).*("  # with DNG's version, or a mosaic of colours
+    rb"\x12\xc6\1\0\4\0{3}|\xc6\x12\0\1\0{3}\4|\6\1\3\0\1\0{3}\x23\x80|\1\6\0\3\0{3}\1\x80\x23)"
+    rb"|II\*\0.{4}CR|II[RU]|MMOR|FUJIFILMCCD-RAW|FOVb|.{4}ftypcrx ",
     "TIFF": rb"II[*+]\0|MM\0[*+]",
     "BMP": rb"BM",
     "WEBP": rb"RIFF.{4}WEBP",
@@ -50,10 +52,11 @@ HEADS = {
     "AVIF": rb".{4}ftyp(avi[fs]|mi[fa]1.{4}(....)*?avif)",
     "HEIC": rb".{4}ftyp(hei|hev|mif1|msf1)",
     "JPEG XL": rb"\xff\x0a|\0\0\0\x0cJXL ",
+    "": rb".{128}DICM.*1\.2\.840\.10008\.1\.3\.10",
     "DICOM": rb".{128}DICM|[\x02\x08]\0.\0([A-Z]{2}|[^\0]\0{3})",
 }
 REFUSED = ("raw", "HEIC", "JPEG XL")
-FORMATS = [kind for kind in HEADS if kind not in (*REFUSED, "DICOM")] + ["TGA"]
+FORMATS = [kind for kind in HEADS if kind not in (*REFUSED, "", "DICOM")] + ["TGA"]
 # Of what begins otherwise, or is damaged; these are pictures all the same.
 SUFFIXES = (
     *(".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".gif", ".tga", ".dcm"),
@@ -62,10 +65,6 @@ SUFFIXES = (
 )
 KINDS = "PNG, JPEG, JPEG 2000, TIFF, BMP, WebP, AVIF, GIF, PNM, TGA or DICOM"
 PICTURE = f"a whole picture ({KINDS} of 8 or 16 bits, no floats or HDR, at most 178 million pixels)"
-# Tags of TIFF: a preview, what the numbers mean, further pictures, DNG's version.
-PREVIEW, MEANING, FURTHER, DNG = 254, 262, 330, 50706
-MOSAICS = (32803, 34892)
-COLOURS = (b"colrncl", 11)  # a tag of AVIF, MP4 and MOV, and where it tells the curve
 CURVES = {16: "PQ", 18: "HLG"}  # of ITU-T H.273, no powers of the light
 LINEAR = 8
 # How a curve of an ICC profile begins that is a straight line.
@@ -114,29 +113,16 @@ def write_figure(path: PathLike, figure: Figure) -> None:
 def kind_of(path: PathLike) -> str:
     """Say what a picture is, by how it begins, whatever it is called: a key of `HEADS`, else its suffix.
 
-    Empty if it is no picture, or no file; so is a folder of DICOM's (DICOMDIR).
+    Empty if it is no picture; so is DICOM's list of a folder (DICOMDIR).
     """
-    from PIL.TiffImagePlugin import ImageFileDirectory_v2
-
     file = Path(path)
-    if file.is_dir():
-        return ""
     head = b""
     if file.is_file():  # a pipe might never end
         with suppress(OSError), file.open("rb") as stream:
-            head = stream.read(1024)
-    begun = (kind for kind, begin in HEADS.items() if re.match(begin, head, re.DOTALL))
-    suffix = file.suffix.lower()
-    kind = next(begun, suffix if suffix in SUFFIXES else "")
-    if kind == "TIFF":
-        with suppress(Exception), file.open("rb") as stream:  # it is damaged
-            tags = ImageFileDirectory_v2(stream.read(8))
-            stream.seek(tags.next)
-            tags.load(stream)
-            is_preview = tags.get(PREVIEW) == 1 and FURTHER in tags
-            if DNG in tags or tags.get(MEANING) in MOSAICS or is_preview:
-                return "raw"
-    return "" if kind == "DICOM" and b"1.2.840.10008.1.3.10" in head else kind
+            head = stream.read(2**16)
+    named = file.suffix.lower() if not file.is_dir() else ""
+    found = (kind for kind, begin in HEADS.items() if re.match(begin, head, re.DOTALL))
+    return next(found, named if named in SUFFIXES else "")
 
 
 def read_stored(
@@ -195,7 +181,7 @@ def read_stored(
             raise ValueError
     if pages > 1 and picture.format != "MPO":  # a telephone's, with a preview
         log.warning("%s holds %d pictures: the first is taken", path, pages)
-    say_curve(path, _curve_of(picture, content))
+    say_curve(path, curve_of(content))
     is_linear = _states_linear(picture, content)
     if is_turned:
         if is_deep and is_tiff:  # which OpenCV turns
@@ -215,12 +201,11 @@ def read_stored(
 
 def _largest(picture: ImageFile, content: bytes) -> int:
     """The largest number that a picture of more than 8 bits can hold; 255 or less if it has no more."""
-    if (
-        picture.format == "JPEG2000"
-    ):  # of 9 to 15 bits it holds few; what says so is not read
+    # What says of how many bits it is, from 9 to 16, is not read.
+    if picture.format == "JPEG2000":
         given = np.frombuffer(content, np.uint8)
-        return int(
-            np.iinfo(np.asarray(cv2.imdecode(given, cv2.IMREAD_UNCHANGED)).dtype).max
+        return (
+            int(np.asarray(cv2.imdecode(given, cv2.IMREAD_UNCHANGED)).itemsize > 1) * 65535
         )
     layout = picture.tile[0].args if picture.tile else ""
     if picture.format == "PPM" and isinstance(layout, tuple) and len(layout) == 2:
@@ -228,24 +213,9 @@ def _largest(picture: ImageFile, content: bytes) -> int:
     return 65535 if ";16" in str(layout) else 255
 
 
-def is_linear(path: PathLike) -> bool:
-    """Whether a picture says that its values go with the light, γ 1."""
-    from PIL import Image
-
-    with suppress(Exception), Image.open(path, formats=FORMATS) as picture:  # if it is none
-        return _states_linear(picture, read_bytes(path))
-    return False
-
-
-def _curve_of(picture: ImageFile, content: bytes) -> int:
-    """The code of its curve (ITU-T H.273), 0 where there is none."""
-    tag = {"PNG": (b"cICP", 5), "AVIF": COLOURS}.get(picture.format or "")
-    return byte_after(content, *tag) if tag else 0
-
-
 def _states_linear(picture: ImageFile, content: bytes) -> bool:
-    """Whether it says so by that curve, or else its ICC profile, or else by gAMA without sRGB."""
-    code = _curve_of(picture, content)
+    """Whether it says that it is linear, by its curve, or else its ICC profile, or else gAMA without sRGB."""
+    code = curve_of(content)
     profile = picture.info.get("icc_profile")
     if code or not profile:
         is_unit = picture.info.get("gamma") == 1 and "srgb" not in picture.info
@@ -261,10 +231,13 @@ def say_turned(name: PathLike) -> None:
     log.warning(message, name)
 
 
-def byte_after(content: bytes | mmap, tag: bytes, place: int) -> int:
-    """The byte so far from a tag of a file; 0 if there is no such tag."""
-    at = content.find(tag)
-    return int.from_bytes(content[at + place : at + place + 1]) if at >= 0 else 0
+def curve_of(content: bytes | mmap) -> int:
+    """The code of its curve (ITU-T H.273), which PNG, AVIF, MP4 and MOV may tell; else 0."""
+    for tag, place in ((b"cICP", 5), (b"colrncl", 11)):
+        at = content.find(tag) + place
+        if at >= place:
+            return int.from_bytes(content[at : at + 1])
+    return 0
 
 
 def say_curve(name: PathLike, code: int) -> None:
@@ -324,14 +297,12 @@ def page_times(path: PathLike) -> list[float]:
     return [0.0, *[np.nan] * (pages - 1)] if kind else []
 
 
-def read_mask(path: PathLike, calibration: Calibration | None = None) -> BoolArray:
+def read_mask(path: PathLike) -> BoolArray:
     """Read a mask, (H, W): True where the picture is brighter than half.
 
     If part of it is transparent, True elsewhere, unless black and white are drawn there.
     """
     image, alpha, _ = _read(path)
-    if calibration is not None:
-        image, alpha = calibration.cut(image), calibration.cut(alpha)
     level = image if image.ndim == 2 else image.max(axis=-1)
     bright = level > 0.5
     is_drawn = bright.any() and np.mean(np.abs(level[alpha >= OPAQUE] - 0.5) > 0.48) > 0.9
@@ -381,13 +352,10 @@ def read_frame(
 
     image, alpha, is_linear = _read(path, 0, calibration)
     rows, columns = image.shape[:2]
+    inside = np.ones((rows, columns), dtype=bool) if mask is None else read_mask(mask)
     if calibration is not None:
         calibration.fit(str(path), columns, rows)
-    inside = (
-        np.ones((rows, columns), dtype=bool)
-        if mask is None
-        else read_mask(mask, calibration)
-    )
+        inside = calibration.cut(inside)
     if inside.shape != (rows, columns):
         shape = f"{inside.shape[1]}x{inside.shape[0]} px"
         raise ValueError(f"the mask {mask} is {shape}, the frame {columns}x{rows} px")

@@ -15,10 +15,9 @@ from numpy.typing import NDArray
 from endolab.io.atomic import PathLike, one_sentence, stage_file
 from endolab.io.dicom import make_square
 from endolab.io.images import (
-    COLOURS,
     DECODED,
     KINDS,
-    byte_after,
+    curve_of,
     kind_of,
     page_times,
     quiet,
@@ -95,17 +94,14 @@ class Frames:
             if stored is None:
                 yield name, ValueError(f"{self.path}: frame {name} cannot be decoded")
                 continue
-            high = _height_of_pixels(capture)
-            shown = make_square(self.path, stored, high, self.calibration, place == 1)
+            aspect = cv2.CAP_PROP_SAR_DEN, cv2.CAP_PROP_SAR_NUM  # 0 where it does not say
+            high, wide = (capture.get(one) or 1 for one in aspect)
+            shown = make_square(
+                self.path, stored, high / wide, self.calibration, place == 1
+            )
             if self.calibration is not None:
                 shown = self.calibration.cut(shown)
             yield name, shown[..., ::-1] / 255.0
-
-
-def _height_of_pixels(capture: cv2.VideoCapture) -> float:
-    """How many times as high as wide a video's pixels are; 1 where it does not say."""
-    wide, high = (capture.get(one) for one in (cv2.CAP_PROP_SAR_NUM, cv2.CAP_PROP_SAR_DEN))
-    return high / wide if high > 0 and wide > 0 else 1.0
 
 
 def _open(path: Path) -> cv2.VideoCapture:
@@ -134,7 +130,7 @@ def _open_video(path: Path, calibration: Calibration | None) -> Frames:
     if capture.get(cv2.CAP_PROP_ORIENTATION_META) != 0:
         say_turned(path)
     with path.open("rb") as file, mmap(file.fileno(), 0, access=ACCESS_READ) as content:
-        say_curve(path, byte_after(content, *COLOURS))
+        say_curve(path, curve_of(content))
     count = tried = 0
     times = {}
     with quiet():

@@ -1,5 +1,6 @@
 """What is known of an endoscope: its camera and its light, and how `endoscope.json` tells them."""
 
+from collections.abc import Sequence
 from dataclasses import field, replace
 from typing import Annotated, Any, Literal, Self
 
@@ -14,7 +15,7 @@ NOMINAL_LIGHT = {"photometry": {"nominal": True}}  # the evidence of it
 AnyCamera = Annotated[Camera, OneOf(BrownConrady, KannalaBrandt, Pinhole, Scaramuzza)]
 
 
-def same_shape(size: tuple[int, int], other: tuple[int, int]) -> bool:
+def same_shape(size: Sequence[int], other: Sequence[int]) -> bool:
     """Whether two sizes, px, have one ratio of width to height, but for rounding."""
     (width, height), (wide, high) = size, other
     return abs(height - high * width / wide) <= max(0.51, 0.003 * height)

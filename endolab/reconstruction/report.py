@@ -3,7 +3,6 @@
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-import cv2
 import numpy as np
 
 from endolab.frames.boxes import find_box
@@ -237,21 +236,19 @@ def what_is_left(result: Result) -> str:
 def field_seen(result: Result) -> dict[str, Any]:
     """Say how wide and high the field of view is, px of the picture, and its widest angle, degrees.
 
-    That is the angle between two rays; through the axis, if it is more than half a turn.
+    That is of the ray farthest off the axis with any other; twice its own, if that is more than 90°.
     """
     problem = result.problem
     shown = problem.mask if problem.seen is None else problem.seen
-    place = cv2.findNonZero((shown & problem.field.valid).astype(np.uint8))
-    column, row = cv2.convexHull(place)[:, 0].T
-    rays = problem.field.rays[row, column]
-    off_axis = np.arccos(np.clip(rays[:, 2], -1, 1))
-    through = off_axis[:, None] + off_axis
-    between = np.arccos(np.clip(rays @ rays.T, -1, 1))
-    picture = np.array(result.report.picture_size or shown.shape[::-1])
-    px = np.ptp(place[:, 0], axis=0) + 1
+    rows, columns = np.nonzero(shown & problem.field.valid)
+    rays = problem.field.rays[rows, columns]
+    aside = rays[rays[:, 2].argmin()]
+    angle = np.arccos(np.clip([aside[2], (rays @ aside).min()], -1, 1))
+    scale = np.divide(result.report.picture_size or shown.shape[::-1], shown.shape[::-1])
+    px = scale * [np.ptp(columns) + 1, np.ptp(rows) + 1]
     return {
-        "px": np.rint(px * picture / shown.shape[::-1]).astype(int).tolist(),
-        "degrees": float(np.rad2deg(np.where(through > np.pi, through, between).max())),
+        "px": np.rint(px).astype(int).tolist(),
+        "degrees": float(np.rad2deg(2 * angle[0] if aside[2] < 0 else angle[1])),
     }
 
 

@@ -144,7 +144,9 @@ def reconstruct_sequence(
         step = Step(index, name, None)
         try:
             frame = as_frame(name, picture)
-            start = carried if can_start and _is_alike(frame, carried) else None
+            size = None if carried is None else carried.result.report.picture_size
+            is_alike = size in (None, (frame.width, frame.height))
+            start = carried if can_start and is_alike else None
             asked = options | (lengths if carried is None else {})
             believed = _usually_as_far(calibration, carried)
             found, warm = _solve_next(frame, believed, start, asked)
@@ -166,12 +168,6 @@ def reconstruct_sequence(
         yield replace(step, seconds=time.perf_counter() - started)
         if step.result is not None and step.result.status is Status.STOPPED:
             return
-
-
-def _is_alike(frame: Frame, before: Carried | None) -> bool:
-    """Whether a frame has the size of the one before, where that is known."""
-    size = None if before is None else before.result.report.picture_size
-    return size in (None, (frame.width, frame.height))
 
 
 def _usually_as_far(calibration: Calibration, before: Carried | None) -> Calibration:

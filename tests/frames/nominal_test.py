@@ -34,7 +34,7 @@ def test_the_field_of_view_is_that_of_the_disc_or_the_diagonal(frame, fov, pixel
     assert nominal.photometry.gain is None
 
 
-def test_of_several_frames_the_widest_field_that_two_share_counts_for_each_size():
+def test_of_several_frames_the_widest_field_but_one_counts_for_each_size():
     blue = el.Frame(
         np.tile(np.linspace(0.1, 0.2, 320), (240, 1)), np.ones((240, 320), bool)
     )
