@@ -42,7 +42,8 @@ HEADS = {
     "JPEG": rb"\xff\xd8\xff",
     "JPEG2000": rb"\xff\x4f\xff\x51|\0\0\0\x0cjP",
     "raw": rb"(II\*\0|MM\0\*).*("  # with DNG's version, or a mosaic of colours
-    rb"\x12\xc6\1\0\4\0{3}|\xc6\x12\0\1\0{3}\4|\6\1\3\0\1\0{3}\x23\x80|\1\6\0\3\0{3}\1\x80\x23)"
+    rb"\x12\xc6\x01\0\x04\0{3}|\xc6\x12\0\x01\0{3}\x04|"
+    rb"\x06\x01\x03\0\x01\0{3}\x23\x80|\x01\x06\0\x03\0{3}\x01\x80\x23)"
     rb"|II\*\0.{4}CR|II[RU]|MMOR|FUJIFILMCCD-RAW|FOVb|.{4}ftypcrx ",
     "TIFF": rb"II[*+]\0|MM\0[*+]",
     "BMP": rb"BM",
