@@ -170,7 +170,7 @@ def reconstruct_video(
             for name, image in frames.read([row["frame"] for row in made])
         )
         with say_undrawn(recording, folder.undrawn):
-            record_sequence(recording, made[0]["unit"], calibration.camera, shown)
+            record_sequence(recording, made[0]["unit"], calibration, shown)
         folder.write()
     return VideoSummary(rows, len(before), tuple(path for path in paths if path.exists()))
 

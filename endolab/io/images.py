@@ -41,9 +41,11 @@ HEADS = {
     "PNG": rb"\x89PNG",
     "JPEG": rb"\xff\xd8\xff",
     "JPEG2000": rb"\xff\x4f\xff\x51|\0\0\0\x0cjP",
-    "raw": rb"(II\*\0|MM\0\*).*("  # with DNG's version, or a mosaic of colours
+    "raw": rb"(II\*\0|MM\0\*).*("  # with DNG's version, a mosaic, or a preview of what follows
     rb"\x12\xc6\x01\0\x04\0{3}|\xc6\x12\0\x01\0{3}\x04|"
-    rb"\x06\x01\x03\0\x01\0{3}\x23\x80|\x01\x06\0\x03\0{3}\x01\x80\x23)"
+    rb"\x06\x01\x03\0\x01\0{3}\x23\x80|\x01\x06\0\x03\0{3}\x01\x80\x23|"
+    rb"\xfe\0\x04\0\x01\0{3}\x01\0{3}.{,400}\x4a\x01[\x04\x0d]\0|"
+    rb"\0\xfe\0\x04\0{3}\x01\0{3}\x01.{,400}\x01\x4a\0[\x04\x0d])"
     rb"|II\*\0.{4}CR|II[RU]|MMOR|FUJIFILMCCD-RAW|FOVb|.{4}ftypcrx ",
     "TIFF": rb"II[*+]\0|MM\0[*+]",
     "BMP": rb"BM",
