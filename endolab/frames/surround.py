@@ -130,23 +130,27 @@ def _find_outlines(contrast: SingleArray) -> Iterator[Field]:
             continue
         chosen = labels[high // 2, wide // 2] or 1 + sizes.argmax()
         apart = max(np.delete(sizes, chosen - 1), default=0) / sizes[chosen - 1]
-        region = (labels == chosen).astype(np.uint8)
-        corners = cv2.convexHull(np.concatenate(_contours(region)))
-        hull = cv2.fillConvexPoly(np.zeros_like(body), corners, 1)
-        images = hull + hull[::-1] + hull[:, ::-1] + hull[::-1, ::-1]
-        first = _measure_outline(hull > 0, contrast, glow * usual)
-        outlines = _disc(first.edge, hull.shape), images >= 2, images >= 3
-        found = [first] + [
-            _measure_outline(each, contrast, glow * usual)
-            for each in outlines
-            if len(_contours(each.astype(np.uint8))) == 1
-        ]
-        is_usual = labels[high // 2, wide // 2] and region.mean() >= SMALL
-        for field in found:
-            if len(field.edge) > 10 * RISE and (is_usual or field.share > SURE):
-                yield field._replace(apart=float(apart))
-        if any(field.share > SURE for field in found):
-            return
+        # What stands apart may yet be of it, beside a dark part, if the edge is not sure.
+        for region in (labels == chosen, labels > 0)[: 1 + (apart > 0)]:
+            corners = cv2.convexHull(np.concatenate(_contours(region.astype(np.uint8))))
+            hull = cv2.fillConvexPoly(np.zeros_like(body), corners, 1)
+            images = hull + hull[::-1] + hull[:, ::-1] + hull[::-1, ::-1]
+            first = _measure_outline(hull > 0, contrast, glow * usual)
+            outlines = _disc(first.edge, hull.shape), images >= 2, images >= 3
+            found = [first] + [
+                _measure_outline(each, contrast, glow * usual)
+                for each in outlines
+                if len(_contours(each.astype(np.uint8))) == 1
+            ]
+            is_usual = region[high // 2, wide // 2] and region.mean() >= SMALL
+            is_all = region.sum() == body.sum()
+            for field in found:
+                if len(field.edge) > 10 * RISE and (
+                    (is_usual and is_all) or field.share > SURE
+                ):
+                    yield field._replace(apart=float(apart))
+            if any(field.share > SURE for field in found):
+                return
 
 
 def _corners(picture: SingleArray, fraction: float) -> SingleArray:
