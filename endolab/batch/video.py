@@ -127,6 +127,7 @@ def reconstruct_video(
         "sequence": str(frames.path.resolve()),
         "mask": None if mask is None else str(mask),
         "calibration": replace(calibration, evidence={}).to_dict(),
+        "part": calibration.part,
     }
     folder = _Folder(Path(out), frames, json.loads(json.dumps(made_with)))
     if not overwrite:
