@@ -1,6 +1,7 @@
 """What a person gets wrong, typed or called: one sentence that has the word, and nothing is written."""
 
 import contextlib
+import io
 import json
 import re
 import shutil
@@ -12,6 +13,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 import pytest
+import tifffile
 
 import endolab as el
 from endolab.calibration.simulation.trajectory import trajectory
@@ -73,6 +75,16 @@ def picture(name, content, word):
     return Row(name, (typed, lambda: solve(name, channel="green")), word)
 
 
+def raw(tags, **how):
+    """A TIFF that is a raw picture's, or its preview."""
+    stream = io.BytesIO()
+    with tifffile.TiffWriter(stream) as file:
+        for _ in range(1 + how.get("subifds", 0)):
+            file.write(np.zeros((48, 64), np.uint16), extratags=tags, **how)
+            how = {}
+    return stream.getvalue()
+
+
 def calibration(name, content, word):
     FILES[name] = content
     typed = f"reconstruct frame.png --calibration {name} --out o"
@@ -127,7 +139,6 @@ OPTIONS = [
     option("--regulariser third", "regulariser", regulariser="third"),
     option("--lam=" + "7" * 10**6 + "x", "lam", lam="7" * 10**6 + "x"),
     option("--max-iterations -1", "iterations", max_iterations=-1),
-    option("--width 65", "65", width=65),
     option("--contours perhaps", "contours", contours="perhaps"),
     option("--known-distance 30,a,2", "distance", known_distance=(30, "a", 2)),
     option("--known-distance 30,64,6", "64", known_distance=(30, 64, 6)),
@@ -158,6 +169,11 @@ PICTURES = [
     picture("half.png", half("frame.png"), "half.png"),
     picture("float.tif", np.ones((48, 64), np.float32), "float.tif"),
     picture("float.hdr", np.ones((48, 64, 3), np.float32), "float.hdr"),
+    picture("phone.heic", b"\0\0\0\x18ftypmif1\0\0\0\0mif1heic" * 9, "HEIC"),
+    picture("preview.dng", raw([(50706, 1, 4, b"\1\4\0\0")]), "raw"),
+    picture("mosaic.tif", raw([], photometric="cfa"), "raw"),
+    picture("preview.nef", raw([], subfiletype=1, subifds=1), "raw"),
+    picture("new.jxl", b"\xff\x0a" * 99, "JPEG XL"),
     picture("small.png", np.full((32, 32), 120), "32x32"),
     picture("clear.png", np.zeros((48, 64, 4)), "transparent"),
     option("--mask small.png", "32x32", mask="small.png"),
@@ -272,7 +288,15 @@ TYPED = {
     f"reconstruct frame.png {KNOWN} --crop 0,0,9 --out o": "WIDTH,HEIGHT, got 0,0,9",
     f"reconstruct frame.png {KNOWN} --crop 0,0,9,a --out o": "WIDTH,HEIGHT, got",
     f"reconstruct frame.png {KNOWN} --crop 0,0,9,999 --out o": "9,999",
+    f"reconstruct double.png {KNOWN} --crop 0,0,32,24 --out o": "cut the picture",
     f"reconstruct none.png {KNOWN} --out o": "none.png",
+    "reconstruct half.png --out o": "half.png: not a whole picture",
+    "reconstruct phone.heic --out o": "HEIC",
+    "reconstruct telephone --out o": "HEIC",
+    f"reconstruct telephone {KNOWN} --out o": "HEIC",
+    "sweep phone.heic": "HEIC",
+    f"tune phone.heic {KNOWN}": "HEIC",
+    "tune phone.heic": "HEIC",
     f"reconstruct mine.mp4 {KNOWN} --out o": "mine.mp4",
     f"reconstruct empty {KNOWN} --out o": "empty",
     f"reconstruct film frame.png {KNOWN} --out o": "frame.png",
@@ -302,7 +326,7 @@ TYPED = {
     "target chessboard --out sheet.png": "sheet.png",
     "target chessboard --out mine.pdf": "--overwrite",
     f"calibrate film {SHEET} c.json": "none of 1",
-    f"calibrate broken {SHEET} c.json": "cannot be read",
+    f"calibrate broken {SHEET} c.json": "not a whole picture",
     f"calibrate film {SHEET} c.json --every 0": "every",
     f"calibrate film {SHEET} c.json --gamma two": "gamma",
     f"calibrate film {SHEET} c.json --lamps three": "three",
@@ -373,6 +397,8 @@ FILES |= {
     "0001_depth.png": np.zeros((48, 64), np.uint16),
     "run.rrd": b"hello" * 99,
     "broken/1.png": b"no picture",
+    "telephone/1.heic": FILES["phone.heic"],
+    "double.png": np.add.outer(np.arange(96), np.arange(128)),
 } | {f"mine.{suffix}": b"mine" * 99 for suffix in ("txt", "mp4", "pdf")}
 FILES |= dict.fromkeys(("mine.json", "theirs/report.json"), '{"mine": 1}')
 FILES |= dict.fromkeys(

@@ -29,12 +29,13 @@ from endolab.io.images import read_mask
 from endolab.io.surfaces import read_depth, save_depth
 from endolab.io.video import Frames, open_frames
 from endolab.model.endoscope import Calibration
-from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.numerics.arrays import BoolArray
 from endolab.numerics.checks import check_int
 from endolab.numerics.iteration import Status
 from endolab.reconstruction.light_and_contours import min_steepness_of
 from endolab.reconstruction.sequence import (
     Carried,
+    Picture,
     Step,
     as_frame,
     reconstruct_sequence,
@@ -117,10 +118,10 @@ def reconstruct_video(
     check_int("every", every, 1)
     if limit is not None:
         check_int("limit", limit, 1)
-    inside = None if mask is None else read_mask(mask)
+    inside = None if mask is None else calibration.cut(read_mask(mask))
     if inside is not None:
         check_size("the mask", inside.shape[::-1], calibration.camera)
-    frames = open_frames(source)
+    frames = open_frames(source, calibration=calibration)
     wanted = frames.names[::every][:limit]
     if len({Path(name).stem for name in wanted}) < len(wanted):
         raise ValueError(f"{source}: the names of two frames differ in their suffix alone")
@@ -128,6 +129,7 @@ def reconstruct_video(
         "sequence": str(frames.path.resolve()),
         "mask": None if mask is None else str(mask),
         "calibration": replace(calibration, evidence={}).to_dict(),
+        "part": calibration.part,
     }
     folder = _Folder(Path(out), frames, json.loads(json.dumps(made_with)))
     if not overwrite:
@@ -172,17 +174,17 @@ def reconstruct_video(
             for name, image in frames.read([row["frame"] for row in made])
         )
         with say_undrawn(recording, folder.undrawn):
-            record_sequence(recording, made[0]["unit"], calibration.camera, shown)
+            record_sequence(recording, made[0]["unit"], calibration, shown)
         folder.write()
     return VideoSummary(rows, len(before), tuple(path for path in paths if path.exists()))
 
 
 def _read(
     frames: Frames, names: Collection[str], mask: BoolArray | None
-) -> Iterator[tuple[str, Frame | FloatArray | None]]:
+) -> Iterator[tuple[str, Picture]]:
     """Give names and pictures, within the mask; one of another size is left to be refused."""
     for name, image in frames.read(names):
-        if image is None or mask is None or mask.shape != image.shape[:2]:
+        if isinstance(image, ValueError) or mask is None or mask.shape != image.shape[:2]:
             yield name, image
         else:
             yield name, Frame(image, mask, name)

@@ -29,7 +29,7 @@ from endolab.numerics.checks import check_int, check_kinds, unknown_name
 Progress = Callable[[str, int, int], None]
 # One pose a panel, None for one that was not located.
 Panels = tuple[Pose | None, ...]
-Named = Iterable[tuple[str, FloatArray | None]]
+Named = Iterable[tuple[str, FloatArray | ValueError]]
 LEFT_OUT_REASON = "left out, as asked"
 
 
@@ -125,7 +125,7 @@ def detect_all(
     camera: Lens | None = None,
     leave_out: Collection[str] = (),
 ) -> tuple[dict[str, Detection], tuple[int, int] | None]:
-    """Find the target in named frames, (H, W) or (H, W, 3), None for one that could not be read.
+    """Find the target in named frames, (H, W) or (H, W, 3), a ValueError for one that could not be read.
 
     `progress` is told the stage, what is done and the total, 0 if it is not known. Returns the detections by
     name, and width and height, px, which all frames must share, and which must be those of the `camera` that
@@ -138,8 +138,9 @@ def detect_all(
     for number, (name, image) in enumerate(frames):
         if name in leave_out:
             detections[name] = no_features(LEFT_OUT_REASON)
-        elif image is None:
-            detections[name] = no_features("it cannot be read")
+        elif isinstance(image, ValueError):
+            # Without the file's name, so that frames with one reason come together.
+            detections[name] = no_features(str(image).split(": ", 1)[-1])
         else:
             found = image.shape[1], image.shape[0]
             if size is None:
@@ -225,7 +226,7 @@ def _nothing_found_error(
     frames: Named, detections: Mapping[str, Detection], target: Target
 ) -> ValueError:
     if isinstance(target, Board):
-        readable = (image for _, image in frames if image is not None)
+        readable = (image for _, image in frames if not isinstance(image, ValueError))
         sizes = [size for size in map(see_board, islice(readable, 2)) if size]
         if sizes:
             columns, rows = max(sizes, key=np.prod)
@@ -279,7 +280,7 @@ def calibrate(
     Parameters
     ----------
     frames : iterable of (str, image)
-        Names and stored values, (H, W) or (H, W, 3), in the order of time; None for one that
+        Names and stored values, (H, W) or (H, W, 3), in the order of time; a ValueError for one that
         cannot be read. Read twice, to find the target, then for its brightness; what can be read once
         alone, such as a generator, is held in memory.
     target : Target
@@ -343,7 +344,7 @@ def calibrate(
     dropped |= dict.fromkeys(leave_out, LEFT_OUT_REASON)
     parts: list[Samples] = []
     for name, image in frames:
-        if image is not None and name in poses:
+        if not isinstance(image, ValueError) and name in poses:
             grey = channel_of(image, channel)
             frame = list(poses).index(name)
             parts.append(sample_sheet(grey, target, poses[name], camera, frame=frame))

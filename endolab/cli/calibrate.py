@@ -108,7 +108,8 @@ def calibrate(
     greys = [None] * len(set(sheet.grey_discs[:, 3]))  # free
     known = [None if value == "free" else value for value in reflectance or greys]
     given: Any = None if camera is None else read_camera(camera)
-    found = el.open_frames(*source)
+    seen = None if given is None else el.Calibration(given)
+    found = el.open_frames(*source, calibration=seen)
     check_names(leave_out, found.names)  # before a long search
     with stage_folder(report, overwrite=overwrite) as folder:
         with show_progress("frame") as show:
@@ -169,8 +170,6 @@ def calibrate_light(
     albedo : floats
         Of the wall's green, or R,G,B, if known.
     """
-    import numpy as np
-
     import endolab as el
     from endolab.io.atomic import check_new, stage_file
     from endolab.io.cameras.formats import read_camera
@@ -179,10 +178,10 @@ def calibrate_light(
 
     check_new(out, overwrite, (*source, camera))
     lens = CALIBRATIONS[camera].camera if camera in CALIBRATIONS else read_camera(camera)
-    video = el.open_frames(*source)
-    spread = np.linspace(0, len(video) - 1, min(frames, len(video))).round().astype(int)
-    pictures = video.read([video.names[index] for index in spread])
-    read = (as_frame(name, image) for name, image in pictures if image is not None)
+    video = el.open_frames(*source, calibration=el.Calibration(lens))
+    spread = video.spread(frames)
+    pictures = video.read(spread)
+    read = (as_frame(*one) for one in pictures if not isinstance(one[1], ValueError))
     with stage_file(out) as temporary:  # before a long search
         with show_progress("frame") as show:
             estimate = el.estimate_light(

@@ -66,13 +66,14 @@ def reconstruct(
     Parameters
     ----------
     frame : path
-        A picture (PNG, JPEG, TIFF, WebP, DICOM ...), a folder of these, or a video.
+        A picture (PNG, JPEG, TIFF, AVIF, DICOM ...), a folder of these, or a video.
     calibration : path
         endoscope.json, a known endoscope's name, or another program's file; a nominal fisheye without.
     fov : float
         Across what the picture shows, degrees, without a calibration (140).
     crop : COLUMN,ROW,WIDTH,HEIGHT
-        The part of the calibration's picture that this one shows, as of a zoom, px.
+        The part of the calibration's picture that this one shows, as of a zoom, px; or the part of this one
+        that is the calibration's, as an eye of a stereo picture.
     lamp : X,Y[,Z]
         Where a lamp stands, mm: x right, y down of the lens; once for each, instead of those listed.
     out : path
@@ -222,13 +223,14 @@ def sweep(
     Parameters
     ----------
     frames : paths
-        Pictures: PNG, JPEG, TIFF, WebP, DICOM ...
+        Pictures: PNG, JPEG, TIFF, AVIF, DICOM ...
     calibration : path
         endoscope.json, a known endoscope's name, or another program's file; a nominal fisheye without.
     fov : float
         Across what the picture shows, degrees, without a calibration (140).
     crop : COLUMN,ROW,WIDTH,HEIGHT
-        The part of the calibration's picture that this one shows, as of a zoom, px.
+        The part of the calibration's picture that this one shows, as of a zoom, px; or the part of this one
+        that is the calibration's, as an eye of a stereo picture.
     lamp : X,Y[,Z]
         Where a lamp stands, mm: x right, y down of the lens; once for each, instead of those listed.
     out : path

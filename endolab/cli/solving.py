@@ -16,6 +16,7 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 
 if TYPE_CHECKING:
+    from endolab.frames.frame import Frame
     from endolab.io.settings import SolvingSettings
     from endolab.model.endoscope import Calibration
 
@@ -112,18 +113,14 @@ def load_endoscope(
     crop: tuple[int, int, int, int] | None = None,
 ) -> Calibration:
     """Load a calibration, or that of a part of its pictures; a nominal one of the first source without."""
+    from endolab.frames.nominal import nominal_of_several
     from endolab.io.cameras.readers import MissingSize
     from endolab.io.datasets.known_endoscopes import load_calibration
-    from endolab.io.video import open_frames
 
     if calibration is None:
-        from endolab.frames.nominal import nominal_calibration
-        from endolab.reconstruction.sequence import as_frame
-
         if crop is not None:
             raise ValueError("--crop is of a calibration's pictures: give it --calibration")
-        first = as_frame(*next(iter(open_frames(*sources))))
-        known = nominal_calibration(first, 140.0 if fov is None else fov)
+        known = nominal_of_several(_sample(sources), 140.0 if fov is None else fov)
         light = known.photometry
         angle = f"a fisheye, {known.evidence['camera']['fov']:g}° across what it shows"
         text = f"no calibration: {angle}, k {light.k:g}, γ {light.gamma:g}: shape only"
@@ -134,11 +131,63 @@ def load_endoscope(
     try:
         known = load_calibration(calibration)
     except MissingSize:
-        image = next(iter(open_frames(*sources)))[1]
-        if image is None:
-            raise
-        known = load_calibration(calibration, size=image.shape[1::-1])
-    return known if crop is None else known.crop(*crop)
+        first = next(_sample(sources))
+        known = load_calibration(calibration, size=(first.width, first.height))
+    is_nominal = "nominal" in known.evidence.get("photometry", {})
+    if is_nominal and next(_sample(sources)).is_linear:
+        known = replace(known, photometry=replace(known.photometry, gamma=1.0))
+    return known if crop is None else _crop(known, crop, next(_sample(sources)))
+
+
+def _sample(sources: Sequence[str]) -> Iterator[Frame]:
+    """Read up to nine frames, spread over all, but those that can't be used; ValueError if none can."""
+    import numpy as np
+
+    from endolab.frames.frame import usable_pixels
+    from endolab.io.images import read_frame
+    from endolab.io.video import open_frames
+    from endolab.reconstruction.sequence import as_frame
+
+    frames = open_frames(*sources)
+    refused: list[Exception] = []
+    names = frames.spread(9)
+    for name, picture in (
+        frames.read(names) if frames.is_video else dict.fromkeys(names).items()
+    ):
+        try:
+            frame = (
+                read_frame(frames.path / name)
+                if picture is None
+                else as_frame(name, picture)
+            )
+            shown = frame.pixels_to_use()
+            usable_pixels(frame.channel()[1], shown, np.ones(shown.shape), name)
+        except (OSError, ValueError, MemoryError) as error:
+            refused.append(error)
+        else:
+            yield frame
+    if len(refused) == len(names):
+        raise refused[0]
+
+
+def _crop(known: Calibration, crop: tuple[int, int, int, int], frame: Frame) -> Calibration:
+    """Return a calibration for a part of its pictures, or of a frame: which of them, sizes tell."""
+    from endolab.model.endoscope import same_shape
+
+    column, row, *cut = crop
+    own, size = (known.camera.width, known.camera.height), (frame.width, frame.height)
+
+    def holds(whole: tuple[int, int]) -> bool:
+        return column + cut[0] <= whole[0] and row + cut[1] <= whole[1]
+
+    if own == size or not (holds(size) and same_shape(cut, own)):
+        return known.crop(*crop)
+    if own != tuple(cut) and holds(own) and same_shape(size, cut):
+        raise ValueError(
+            f"--crop {','.join(map(str, crop))} may be a part of {frame.name}, {size[0]}x{size[1]} px, or of "
+            f"the calibration's {own[0]}x{own[1]} px: cut the picture first, or take Calibration.crop"
+        )
+    return replace(known, part=crop)
 
 
 # Pages ----------------------------------------------------------------------------------

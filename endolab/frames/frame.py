@@ -44,6 +44,8 @@ class Frame:
     silent : (H, W) bool array, optional
         Pixels of the mask that say nothing of the wall, such as ignored highlights: the surface goes
         on beneath them, without their evidence.
+    is_linear : bool
+        Whether its file says that values go with the light, γ 1.
 
     Raises
     ------
@@ -63,6 +65,7 @@ class Frame:
     mask: BoolArray
     name: str = "frame"
     silent: BoolArray | None = None
+    is_linear: bool = False
     _resized: dict[tuple[int, int, float], Frame] = field(
         default_factory=dict, init=False, repr=False
     )
@@ -117,12 +120,17 @@ class Frame:
 
         Where the mask leaves nothing out, boxes of one colour are left out as well.
         """
-        return self._pixels_and_boxes[0]
+        return self._pixels_used[0]
 
     @property
     def box_share(self) -> float:
         """Share of the picture that is left out as boxes of one colour."""
-        return self._pixels_and_boxes[1]
+        return self._pixels_used[1]
+
+    @property
+    def shown_share(self) -> float:
+        """Share of what the endoscope shows that a mask keeps."""
+        return self._pixels_used[2]
 
     @property
     def misplaced(self) -> float:
@@ -132,17 +140,18 @@ class Frame:
         return 1 - float(self.pixels_to_use().sum() / self.mask.sum())
 
     @cached_property
-    def _pixels_and_boxes(self) -> tuple[BoolArray, float]:
+    def _pixels_used(self) -> tuple[BoolArray, float, float]:
         if self.mask.all():
             shown = field_of_view(self.image)
             boxes = shown & flat_boxes(self.image, shown)
-            return freeze(shown & ~boxes), float(boxes.mean())
+            return freeze(shown & ~boxes), float(boxes.mean()), 1.0
         field = field_of_view(self.image, SURE)
         # A mask that follows the field's very edge, which is soft, is none that is misplaced.
         around = dilate(field, 0.03 * min(field.shape))
         beyond = (self.mask & ~around).sum() / self.mask.sum()
         seen = self.mask & field
-        return freeze(seen) if beyond > 0.05 and seen.any() else self.mask, 0.0
+        used = freeze(seen) if beyond > 0.05 and seen.any() else self.mask
+        return used, 0.0, float(seen.sum() / field.sum())
 
     def channel(self, name: str | None = None) -> tuple[str, FloatArray]:
         """One channel of the picture, and its name: "red", "green", "blue" or "grey".

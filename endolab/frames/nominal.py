@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import Any
+
 import cv2
 import numpy as np
 
 from endolab.frames.frame import Frame
 from endolab.model.cameras import KannalaBrandt
 from endolab.model.endoscope import NOMINAL_LIGHT, Calibration
-from endolab.model.photometry import NOMINAL
+from endolab.model.photometry import NOMINAL, Photometry
 from endolab.numerics.checks import check_kinds, number
 
 
@@ -30,7 +34,8 @@ def nominal_calibration(frame: Frame, fov: float = 140.0) -> Calibration:
     Returns
     -------
     Calibration
-        Its light is `endolab.model.photometry.NOMINAL`, without a gain; its evidence says "nominal".
+        Its light is `endolab.model.photometry.NOMINAL`, without a gain, with γ 1 if the frame says that it is
+        linear; its evidence says "nominal".
 
     Raises
     ------
@@ -50,4 +55,25 @@ def nominal_calibration(frame: Frame, fov: float = 140.0) -> Calibration:
     f = (radius + 0.5) / np.deg2rad(fov / 2)
     camera = KannalaBrandt(frame.width, frame.height, f, f, cx, cy, (0, 0, 0, 0))
     evidence = {"camera": {"nominal": True, "fov": fov}, **NOMINAL_LIGHT}
-    return Calibration(camera, NOMINAL, evidence)
+    return Calibration(camera, nominal_light(frame.is_linear), evidence)
+
+
+def nominal_light(is_linear: bool) -> Photometry:
+    """Assume a light, for pictures that say that they are linear, or for others."""
+    return replace(NOMINAL, gamma=1.0) if is_linear else NOMINAL
+
+
+def nominal_of_several(frames: Iterable[Frame], fov: float) -> Calibration:
+    """Assume one endoscope for pictures of several sizes, a camera for each.
+
+    It is that of the widest field but one: a picture alone may show a menu, or no endoscope. As of
+    `nominal_calibration`.
+    """
+    found: dict[tuple[int, int], list[Any]] = {}
+    for frame in frames:
+        known = nominal_calibration(frame, fov)
+        found.setdefault((frame.width, frame.height), []).append(known)
+    chosen = [
+        sorted(alike, key=lambda known: known.camera.fx)[-2:][0] for alike in found.values()
+    ]
+    return replace(chosen[0], others=[known.camera for known in chosen[1:]])

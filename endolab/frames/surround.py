@@ -1,10 +1,11 @@
-"""What an endoscope shows, told from the flat surround that fills corners of the picture.
+"""What an endoscope shows, told from the flat surround that fills corners of the picture, or its border.
 
 What differs from the corners' colours is the field, but for text and boxes, and but for walls that are as
-dark as the surround. So a few outlines are tried: the convex hull of what differs, the disc through its
-edge, and what two or three of the hull's four mirror images share, which completes a dark side from the
-other and drops a box over the edge. Across each point of an outline runs a profile of the contrast to the
-surround; at a field's edge it rises within RISE px and little after, while shading goes on rising:
+dark as the surround. The field is the connected region about the middle, or else the largest, whatever stands
+apart from it. So a few outlines are tried: the convex hull of that region, the disc through its edge, and
+what two or three of the hull's four mirror images share, which completes a dark side from the other and drops
+a box over the edge. Across each point of an outline runs a profile of the contrast to the surround; at a
+field's edge it rises within RISE px and little after, while shading goes on rising:
 
     contrast           .----------
                       /
@@ -19,7 +20,7 @@ So of the contrast c(s), s px into the field, a point is at an edge if
 The outline with most points at an edge counts. If too small a share of its points is, there is no surround.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import cv2
@@ -30,6 +31,10 @@ from endolab.numerics.arrays import BoolArray, ComplexArray, FloatArray, SingleA
 SIDE = 480  # px of the longer side of what is looked at
 RISE = 10  # px of that, within which an edge rises
 SURE = 0.8  # share of an outline at an edge, from which on no other is sought
+UNSURE = 0.52  # share from which on an outline may be the field's
+SMALL = 0.1  # of the picture; a smaller field, or one beside the middle, must be sure
+LEAST = 0.03  # of the picture, of the smallest field
+TWIN = 0.2  # of the field's size, from which on what stands apart is another field
 
 
 class Field(NamedTuple):
@@ -39,6 +44,7 @@ class Field(NamedTuple):
     edge: ComplexArray  # (n,), x + iy of the points of its outline that are at an edge, px
     profiles: SingleArray  # (n, 3 RISE + 1), the contrast across them
     share: float  # of the outline that is at an edge; the picture's border is no outline
+    apart: float = 0.0  # the largest region that stands apart from it, of its size
 
 
 def square(reach: float) -> np.ndarray:
@@ -75,14 +81,15 @@ def field_of_view(image: FloatArray, least: float = 0.55) -> BoolArray:
     return shown
 
 
-def unclear_surround(image: FloatArray, mask: BoolArray) -> bool:
-    """Whether a mask keeps what may be a surround, 2 % of the mask at least."""
+def surround_doubts(image: FloatArray, mask: BoolArray) -> tuple[bool, bool]:
+    """Whether a mask keeps what may be a surround, 2 % of the mask at least; whether there are two fields."""
     field = _find_field(image)
-    if field is None or field.share < 0.52:
-        return False
+    if field is None or field.share < UNSURE:
+        return False, False
     outside = (~field.inside).astype(np.uint8)
     kept = cv2.resize(outside, mask.shape[::-1], interpolation=cv2.INTER_NEAREST)[mask]
-    return bool(kept.sum() > 0.02 * kept.size)
+    is_unclear = bool(kept.sum() > 0.02 * kept.size)
+    return is_unclear, field.share > SURE and field.apart > TWIN
 
 
 def _find_field(image: FloatArray) -> Field | None:
@@ -94,39 +101,74 @@ def _find_field(image: FloatArray) -> Field | None:
     levels = cv2.convertScaleAbs(image, alpha=255)
     scaled = cv2.resize(levels, (wide, high), interpolation=cv2.INTER_AREA)
     # A median takes noise and keeps edges.
-    contrast = _contrast(np.atleast_3d(cv2.medianBlur(scaled, 5)).astype(np.float32))
+    picture = np.atleast_3d(cv2.medianBlur(scaled, 5)).astype(np.float32)
+    fields = [*_find_outlines(_contrast(picture, _corners(picture, 0.03), 90))]
+    if all(field.share < UNSURE for field in fields):
+        # Half of each corner may be text, or all of it, and half of the border.
+        border = np.concatenate([*picture[[0, -1]], *picture[:, [0, -1]].swapaxes(0, 1)])
+        patches = _corners(picture, 0.1), np.stack([border, border])
+        contrast = np.minimum(*(_contrast(picture, each, 50) for each in patches))
+        fields += [field for field in _find_outlines(contrast) if field.share > SURE]
+    return max(fields, key=lambda field: len(field.edge), default=None)
+
+
+def _find_outlines(contrast: SingleArray) -> Iterator[Field]:
+    """Find outlines that may be the field's, up to one that surely is, of a contrast (h, w)."""
+    if contrast.all():  # no corner is flat
+        return
+    high, wide = contrast.shape
     usual = float(np.median(contrast[contrast > 0])) if contrast.any() else 0.0
     # Text and other narrow parts are no field.
     stub = square(0.075 * min(high, wide))
-    fields: list[Field] = []
     for glow in (0.0, 0.1, 0.25):  # of the usual contrast, stray light around the field
         differs = (contrast > glow * usual).astype(np.uint8)
         cv2.drawContours(differs, _contours(differs), -1, 1, cv2.FILLED)
         body = cv2.morphologyEx(differs, cv2.MORPH_OPEN, stub)
-        if body.mean() < 0.1 or not body[high // 2, wide // 2]:
+        _, labels, facts, _ = cv2.connectedComponentsWithStats(body)
+        sizes = facts[1:, cv2.CC_STAT_AREA]
+        if sizes.max(initial=0) < LEAST * body.size:
             continue
-        corners = cv2.convexHull(np.concatenate(_contours(body)))
-        hull = cv2.fillConvexPoly(np.zeros_like(body), corners, 1)
-        images = hull + hull[::-1] + hull[:, ::-1] + hull[::-1, ::-1]
-        first = _measure_outline(hull > 0, contrast, glow * usual)
-        outlines = _disc(first.edge, hull.shape), images >= 2, images >= 3
-        others = [_measure_outline(each, contrast, glow * usual) for each in outlines]
-        fields += [first, *others]
-        if any(field.share > SURE for field in fields):
-            break
-    large = [field for field in fields if len(field.edge) > 10 * RISE]
-    return max(large, key=lambda field: len(field.edge), default=None)
+        chosen = labels[high // 2, wide // 2] or 1 + sizes.argmax()
+        apart = max(np.delete(sizes, chosen - 1), default=0) / sizes[chosen - 1]
+        # What stands apart may yet be of it, beside a dark part, if the edge is not sure.
+        for region in (labels == chosen, labels > 0)[: 1 + (apart > 0)]:
+            corners = cv2.convexHull(np.concatenate(_contours(region.astype(np.uint8))))
+            hull = cv2.fillConvexPoly(np.zeros_like(body), corners, 1)
+            images = hull + hull[::-1] + hull[:, ::-1] + hull[::-1, ::-1]
+            first = _measure_outline(hull > 0, contrast, glow * usual)
+            outlines = _disc(first.edge, hull.shape), images >= 2, images >= 3
+            found = [first] + [
+                _measure_outline(each, contrast, glow * usual)
+                for each in outlines
+                if len(_contours(each.astype(np.uint8))) == 1
+            ]
+            is_usual = region[high // 2, wide // 2] and region.mean() >= SMALL
+            is_all = region.sum() == body.sum()
+            for field in found:
+                if len(field.edge) > 10 * RISE and (
+                    (is_usual and is_all) or field.share > SURE
+                ):
+                    yield field._replace(apart=float(apart))
+            if any(field.share > SURE for field in found):
+                return
 
 
-def _contrast(picture: SingleArray) -> SingleArray:
-    """Return the contrast (h, w) to the flat colours of two corners, or black; 0 within their noise."""
-    legs = max(4, round(0.03 * min(picture.shape[:2])))
+def _corners(picture: SingleArray, fraction: float) -> SingleArray:
+    """Return the pixels (4, n, c) of squares in the corners, whose sides are a fraction of the picture's."""
+    legs = max(4, round(fraction * min(picture.shape[:2])))
     ends = np.r_[:legs, -legs:0]
     corners = picture[np.ix_(ends, ends)].reshape(2, legs, 2, legs, -1)
-    corners = corners.swapaxes(1, 2).reshape(4, legs**2, -1)
-    colours = np.median(corners, axis=1)
-    spread = np.percentile(np.abs(corners - colours[:, None]).max(axis=-1), 90, axis=1)
-    noise = 3 + 2 * spread.astype(np.float32)
+    return corners.swapaxes(1, 2).reshape(4, legs**2, -1)
+
+
+def _contrast(picture: SingleArray, patches: SingleArray, percentile: float) -> SingleArray:
+    """Return the contrast (h, w) to the flat colours of two patches (m, n, c), or black.
+
+    It is 0 within their noise, which a percentile of what is off the patch's colour tells.
+    """
+    colours = np.median(patches, axis=1)
+    off = np.abs(patches - colours[:, None]).max(axis=-1)
+    noise = 3 + 2 * np.percentile(off, percentile, axis=1).astype(np.float32)
     alike = np.abs(colours[:, None] - colours).max(axis=-1) <= noise[:, None]
     contrast = np.full(picture.shape[:2], 255, np.float32)
     for corner in np.flatnonzero(noise <= 23):

@@ -10,17 +10,11 @@ import numpy as np
 
 from endolab._extras import need
 from endolab.io.atomic import PathLike, name_damage
+from endolab.model.endoscope import Calibration
 from endolab.numerics.memory import check_memory
 
 WHAT = "a whole DICOM picture, grey or in colours, of 1 to 16 bits"
 log = logging.getLogger("endolab")
-
-
-def is_dicom(path: PathLike) -> bool:
-    """Whether a file begins as DICOM files do."""
-    with suppress(OSError), open(path, "rb") as file:
-        return file.read(132)[128:] == b"DICM"
-    return False
 
 
 def _read_head(path: PathLike) -> Any:
@@ -29,7 +23,7 @@ def _read_head(path: PathLike) -> Any:
     from pydicom import dcmread
 
     with name_damage(path, WHAT):
-        return dcmread(path, stop_before_pixels=True)
+        return dcmread(path, stop_before_pixels=True, force=True)  # without preamble, too
 
 
 def dicom_times(path: PathLike) -> list[float]:
@@ -44,16 +38,22 @@ def dicom_times(path: PathLike) -> list[float]:
         return np.round(np.cumsum(steps, dtype=float) / 1000, 6).tolist()
 
 
-def read_dicom(path: PathLike, page: int, pixel_bytes: int) -> np.ndarray:
-    """Read a frame of 8 or 16 bits, grey or R, G, B, with square pixels.
+def read_dicom(
+    path: PathLike, page: int, pixel_bytes: int, calibration: Calibration | None = None
+) -> np.ndarray:
+    """Read a frame of 8 or 16 bits, grey or R, G, B; with square pixels, unless the calibration is as stored.
 
     ValueError or MemoryError in one sentence; `pixel_bytes` is what a pixel takes while it is read.
     """
     head = _read_head(path)
     from pydicom.pixels import get_decoder, pixel_array
+    from pydicom.uid import ExplicitVRLittleEndian, ImplicitVRLittleEndian
 
     with name_damage(path, WHAT):
-        syntax = head.file_meta.TransferSyntaxUID
+        plain = (
+            ImplicitVRLittleEndian if head.original_encoding[0] else ExplicitVRLittleEndian
+        )
+        syntax = head.file_meta.get("TransferSyntaxUID", plain)
         rows, columns = head.Rows, head.Columns
         is_read = False
         with suppress(NotImplementedError):
@@ -65,7 +65,7 @@ def read_dicom(path: PathLike, page: int, pixel_bytes: int) -> np.ndarray:
     check_memory(rows * columns * pixel_bytes, f"{path}: a picture of {columns}x{rows} px")
     # Of a JPEG that is mislabelled pydicom tells, and reads it right.
     with name_damage(path, WHAT), warnings.catch_warnings(action="ignore"):
-        stored = pixel_array(path, index=page)
+        stored = pixel_array(path, index=page, transfer_syntax_uid=syntax)
         most = 2**head.BitsStored - 1
         colours = head.PhotometricInterpretation
         if stored.dtype.kind != "u" or most > 65535 or colours == "PALETTE COLOR":
@@ -75,10 +75,23 @@ def read_dicom(path: PathLike, page: int, pixel_bytes: int) -> np.ndarray:
         kind = np.uint8 if most <= 255 else np.uint16
         stored = np.round(stored * (np.iinfo(kind).max / most)).astype(kind)
         high, wide = head.get("PixelAspectRatio") or head.get("PixelSpacing") or (1, 1)
-        square = round(rows * high / wide)
-    if square != rows:
-        if page == 0:
-            message = "%s: its pixels, %s:%s, are made square: it is %dx%d px now"
-            log.warning(message, path, high, wide, columns, square)
-        stored = np.asarray(cv2.resize(stored, (columns, square)))
-    return stored
+        return make_square(path, stored, high / wide, calibration, is_said=page == 0)
+
+
+def make_square(
+    path: PathLike,
+    stored: np.ndarray,
+    high: float,
+    calibration: Calibration | None,
+    is_said: bool,
+) -> np.ndarray:
+    """Make pixels square, so many times as high as wide, unless a calibration is of them as stored."""
+    rows, columns = stored.shape[:2]
+    square = round(rows * high)
+    camera = None if calibration is None else calibration.camera
+    if square == rows or (camera and (camera.width, camera.height) == (columns, rows)):
+        return stored
+    if is_said:
+        message = "%s: its pixels, %.3g times as high as wide, are made square: it is %dx%d px now"
+        log.warning(message, path, high, columns, square)
+    return np.asarray(cv2.resize(stored, (columns, square)))

@@ -13,15 +13,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from endolab.io.atomic import PathLike, one_sentence, stage_file
-from endolab.io.images import DECODED, page_times, quiet, read_image, say_curve, say_turned
+from endolab.io.dicom import make_square
+from endolab.io.images import (
+    DECODED,
+    KINDS,
+    curve_of,
+    kind_of,
+    page_times,
+    quiet,
+    read_image,
+    say_curve,
+    say_turned,
+)
+from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.memory import check_memory
-
-PICTURES = (
-    *(".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".gif", ".tga", ".dcm"),
-    *(".jp2", ".j2k", ".pnm", ".ppm", ".pgm", ".pbm"),
-    *(".hdr", ".exr", ".pfm"),  # which are refused as pictures
-)
 
 
 def _by_number(path: Path) -> list[str | int]:
@@ -35,19 +41,21 @@ class Frames:
     """The frames of a folder of pictures, of a video or of one file's pages; iterate as often as you like.
 
     Iterating gives ``(name, image)``: the file's name, or the frame's number in the file, and
-    the stored values in [0, 1], (H, W) or (H, W, 3); None for a picture, or a frame before a video's
-    last, that cannot be read.
+    the stored values in [0, 1], (H, W) or (H, W, 3); a ValueError that says why for a picture, or a frame
+    before a video's last, that cannot be read.
     """
 
     path: Path
     names: tuple[str, ...]
     # When they are shown, s; nan, or not there, where nothing says so.
     times: dict[str, float] = field(default_factory=dict)
+    # Of what is stored: whose part is cut out, and whose pixels are not made square.
+    calibration: Calibration | None = None
 
     def __len__(self) -> int:
         return len(self.names)
 
-    def __iter__(self) -> Iterator[tuple[str, FloatArray | None]]:
+    def __iter__(self) -> Iterator[tuple[str, FloatArray | ValueError]]:
         return self.read(self.names)
 
     @property
@@ -55,7 +63,12 @@ class Frames:
         """Whether they come from one file."""
         return self.path.is_file()
 
-    def read(self, names: Collection[str]) -> Iterator[tuple[str, FloatArray | None]]:
+    def spread(self, count: int) -> list[str]:
+        """Name so many of the frames, or all, evenly spread."""
+        places = np.linspace(0, len(self) - 1, min(count, len(self))).round()
+        return [self.names[int(place)] for place in places]
+
+    def read(self, names: Collection[str]) -> Iterator[tuple[str, FloatArray | ValueError]]:
         """Give only the frames of these names, in order."""
         given = set(names)
         wanted = (name for name in self.names if name in given)
@@ -63,10 +76,12 @@ class Frames:
         if is_folder or len(page_times(self.path)) > 1:
             for name in wanted:
                 file, page = (self.path / name, 0) if is_folder else (self.path, int(name))
-                image = None
+                image: FloatArray | ValueError
+                try:
+                    image = read_image(file, page, self.calibration)
                 # Of what is damaged, the head may say any size.
-                with suppress(OSError, ValueError, MemoryError):
-                    image = read_image(file, page)
+                except (OSError, ValueError, MemoryError) as error:
+                    image = ValueError(str(error))
                 yield name, image
             return
         capture = _open(self.path)
@@ -76,7 +91,17 @@ class Frames:
                 capture.grab()
             place = int(name) + 1
             stored = _next(capture)
-            yield name, None if stored is None else stored[..., ::-1] / 255.0
+            if stored is None:
+                yield name, ValueError(f"{self.path}: frame {name} cannot be decoded")
+                continue
+            aspect = cv2.CAP_PROP_SAR_DEN, cv2.CAP_PROP_SAR_NUM  # 0 where it does not say
+            high, wide = (capture.get(one) or 1 for one in aspect)
+            shown = make_square(
+                self.path, stored, high / wide, self.calibration, place == 1
+            )
+            if self.calibration is not None:
+                shown = self.calibration.cut(shown)
+            yield name, shown[..., ::-1] / 255.0
 
 
 def _open(path: Path) -> cv2.VideoCapture:
@@ -99,13 +124,13 @@ def _next(capture: cv2.VideoCapture) -> NDArray[np.uint8] | None:
     return None
 
 
-def _open_video(path: Path) -> Frames:
+def _open_video(path: Path, calibration: Calibration | None) -> Frames:
     """Count the frames of a video by decoding them: its header may tell of more, of fewer, or of fields."""
     capture = _open(path)
     if capture.get(cv2.CAP_PROP_ORIENTATION_META) != 0:
         say_turned(path)
     with path.open("rb") as file, mmap(file.fileno(), 0, access=ACCESS_READ) as content:
-        say_curve(path, content, b"colrncl", 11)  # of MP4 and MOV
+        say_curve(path, curve_of(content))
     count = tried = 0
     times = {}
     with quiet():
@@ -122,7 +147,7 @@ def _open_video(path: Path) -> Frames:
     if reached < min(0.98 * stated, stated - 2):
         text = f"ends after {count} frames, and its header tells of {stated:.0f}"
         raise ValueError(f"{path}: {text}: it is cut off or damaged")
-    return Frames(path, tuple(_number(at) for at in range(count)), times)
+    return Frames(path, tuple(_number(at) for at in range(count)), times, calibration)
 
 
 def _number(at: int) -> str:
@@ -132,23 +157,24 @@ def _number(at: int) -> str:
 def is_sequence(path: PathLike) -> bool:
     """Whether a path is a folder, a video or several pages, not one picture, by its end or what it is."""
     source = Path(path)
-    suffix = source.suffix.lower()
     # Raw videos begin as pictures do.
-    if source.is_dir() or suffix in (".mjpeg", ".mjpg"):
+    if source.is_dir() or source.suffix.lower() in (".mjpeg", ".mjpg"):
         return True
-    pages = len(page_times(source)) if source.is_file() else 1
-    return pages > 1 or (pages == 0 and suffix not in PICTURES)
+    return source.is_file() and len(page_times(source)) != 1
 
 
-def open_frames(*paths: PathLike) -> Frames:
+def open_frames(*paths: PathLike, calibration: Calibration | None = None) -> Frames:
     """Find the frames of a folder of pictures, of a video, or of pictures that are named one by one.
 
     Parameters
     ----------
     *paths : path
         A folder with pictures, as of `read_frame`; or a video that OpenCV can read, whose frames are counted
-        by decoding them; or a GIF, WebP, TIFF or DICOM file with several; or pictures, wherever they are.
+        by decoding them; or a TIFF or DICOM file with several; or pictures, wherever they are.
         Files are taken in the order of the numbers in their names.
+    calibration : Calibration, optional
+        If it is of what a video or DICOM stores, pixels that are not square stay as they are. Of larger
+        pictures its part is cut out, if it is of one.
 
     Returns
     -------
@@ -166,28 +192,27 @@ def open_frames(*paths: PathLike) -> Frames:
     if len(paths) == 1 and source.is_dir():
         with one_sentence(f"{source}: cannot be read"):
             found = sorted(source.glob("[!.]*"), key=_by_number)
-        names = tuple(
-            file.name
-            for file in found
-            if file.suffix.lower() in PICTURES and not file.is_dir()
-        )
+        names = tuple(file.name for file in found if kind_of(file))
         if not names:
-            raise ValueError(f"{source}: no picture in this folder ({', '.join(PICTURES)})")
-        return Frames(source, names)
+            raise ValueError(f"{source}: no picture in this folder ({KINDS})")
+        return Frames(source, names, calibration=calibration)
     if len(paths) == 1 and is_sequence(source):
         times = page_times(source)
         names = tuple(_number(at) for at in range(len(times)))
         if len(times) > 1:
-            return Frames(source, names, dict(zip(names, times, strict=True)))
-        return _open_video(source)
+            return Frames(source, names, dict(zip(names, times, strict=True)), calibration)
+        return _open_video(source, calibration)
     files = {Path(os.path.abspath(path)) for path in paths}
     for file in files:
-        if not file.is_file() or is_sequence(file):
-            text = "is not there, or no picture: give one folder, one video, or pictures"
-            raise FileNotFoundError(f"{file} {text}")
+        if not file.is_file():
+            raise FileNotFoundError(f"{file}: there is no such file")
+        if is_sequence(file):
+            text = "is no picture: give one folder, one video, or pictures"
+            raise ValueError(f"{file} {text}")
     folder = Path(os.path.commonpath([file.parent for file in files]))
     ordered = sorted(files, key=lambda file: (file.parent, _by_number(file)))
-    return Frames(folder, tuple(file.relative_to(folder).as_posix() for file in ordered))
+    names = tuple(file.relative_to(folder).as_posix() for file in ordered)
+    return Frames(folder, names, calibration=calibration)
 
 
 def write_video(path: PathLike, images: Iterable[FloatArray]) -> None:

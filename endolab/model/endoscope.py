@@ -1,7 +1,11 @@
 """What is known of an endoscope: its camera and its light, and how `endoscope.json` tells them."""
 
+from collections.abc import Sequence
 from dataclasses import field, replace
 from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+from pydantic import Field
 
 from endolab.model.cameras import BrownConrady, Camera, KannalaBrandt, Pinhole, Scaramuzza
 from endolab.model.photometry import NOMINAL, Photometry
@@ -9,6 +13,12 @@ from endolab.numerics.checked_types import OneOf, checked, from_content, to_cont
 
 NOMINAL_LIGHT = {"photometry": {"nominal": True}}  # the evidence of it
 AnyCamera = Annotated[Camera, OneOf(BrownConrady, KannalaBrandt, Pinhole, Scaramuzza)]
+
+
+def same_shape(size: Sequence[int], other: Sequence[int]) -> bool:
+    """Whether two sizes, px, have one ratio of width to height, but for rounding."""
+    (width, height), (wide, high) = size, other
+    return abs(height - high * width / wide) <= max(0.51, 0.003 * height)
 
 
 @checked
@@ -22,12 +32,18 @@ class Calibration:
         `NOMINAL` where it is missing, which the evidence then says.
     evidence : dict
         Standard errors, sampled ranges, provenance; nothing here depends on it.
+    others : cameras
+        For pictures of other sizes, each its own. Not written to files, as is `part`.
+    part : (column, row, width, height), optional
+        What of larger pictures is this endoscope's, px: they are cut when they are read.
     """
 
     endolab: Literal[1] = field(default=1, kw_only=True, repr=False)  # version of the file
     camera: AnyCamera
     photometry: Photometry = NOMINAL
     evidence: dict[str, Any] = field(default_factory=dict)
+    others: Annotated[tuple[AnyCamera, ...], Field(exclude=True)] = ()
+    part: Annotated[tuple[int, int, int, int] | None, Field(exclude=True)] = None
 
     @classmethod
     def from_dict(cls, content: Any, name: str = "calibration") -> Self:
@@ -62,17 +78,30 @@ class Calibration:
         known = self.evidence | {"crop": [column, row, width, height]}
         return replace(self, camera=cut, evidence=known)
 
+    def for_size(self, width: int, height: int) -> Self:
+        """Return the same with the camera of pictures of this size, px, if one of `others` is."""
+        cameras = {(camera.width, camera.height): camera for camera in self.others}
+        return replace(self, camera=cameras.get((width, height), self.camera), others=())
+
     def fit(self, name: str, width: int, height: int) -> Self:
-        """Return the same for pictures of this size, px, which have its shape.
+        """Return the same for pictures of this size, px, which have its shape or that of one of `others`.
 
         ValueError that names the picture, if they have another shape.
         """
-        camera = self.camera
-        off = abs(height - camera.height * width / camera.width)
-        if off > max(0.51, 0.003 * height):  # px; it may be rounded
+        known = self.for_size(width, height)
+        camera = known.camera
+        if not same_shape((width, height), (camera.width, camera.height)):
             raise ValueError(
                 f"{name} is {width}x{height} px, but the calibration is for {camera.width}x{camera.height} "
-                "px: expected that size, the same shape, or --crop (Calibration.crop), which says what part "
-                "of the calibration's picture it shows"
+                "px: expected that size, the same shape, or --crop, a part of either: what this one shows of "
+                "the calibration's picture (Calibration.crop), or what of this one is the calibration's"
             )
-        return self.resize(width, height)
+        return known.resize(width, height)
+
+    def cut(self, picture: np.ndarray) -> np.ndarray:
+        """Cut the `part` out of a picture, (H, W) or (H, W, 3), that is so large."""
+        if self.part is None:
+            return picture
+        column, row, width, height = self.part
+        found = picture[row : row + height, column : column + width]
+        return found if found.shape[:2] == (height, width) else picture

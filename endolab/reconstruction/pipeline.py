@@ -135,6 +135,7 @@ def reconstruct(
         if "held" in options:
             raise ValueError("held= went: give what was found to endolab.solve_found()")
         settings = Settings.of(options)
+        calibration = calibration.for_size(frame.width, frame.height)
         steps = _stages(frame, calibration, settings, start)
 
         def finish(answer: Iterate) -> Iterate:
@@ -171,6 +172,7 @@ def iterate(
             raise ValueError(
                 f"{name} is an option of reconstruct(); iterates have the unit of the gain"
             )
+    calibration = calibration.for_size(frame.width, frame.height)
     return _stages(frame, calibration, settings, start)
 
 

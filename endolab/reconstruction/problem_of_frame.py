@@ -83,6 +83,7 @@ def problem_of_frame(frame: Frame, calibration: Calibration, settings: Settings)
             smooth=blur,
             highlights=highlights,
             misplaced=frame.misplaced,
+            shown_share=frame.shown_share,
             box_share=frame.box_share,
             without_ray=1 - float(known.sum() / seen.sum()),
             fingerprint=fingerprint,
@@ -178,7 +179,7 @@ def check_frame(frame: Frame, calibration: Calibration, settings: Settings) -> N
 
 
 def _size_of_problem(frame: Frame, settings: Settings) -> tuple[int, int]:
-    width = settings.width or frame.width
+    width = min(settings.width or frame.width, frame.width)
     return width, max(1, round(frame.height * width / frame.width))
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from endolab.frames.boxes import find_box
 from endolab.frames.frame import SATURATED
-from endolab.frames.surround import unclear_surround
+from endolab.frames.surround import surround_doubts
 from endolab.model.photometry import CHANNELS
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.iteration import Status
@@ -246,6 +246,25 @@ def what_is_left(result: Result) -> str:
     return f"one step of Gauss-Newton would lower its energy by {100 * result.left:.0f} %"
 
 
+def field_seen(result: Result) -> dict[str, Any]:
+    """Say how wide and high the field of view is, px of the picture, and its widest angle, degrees.
+
+    That is of the ray farthest off the axis with any other; twice its own, if that is more than 90°.
+    """
+    problem = result.problem
+    shown = problem.mask if problem.seen is None else problem.seen
+    rows, columns = np.nonzero(shown & problem.field.valid)
+    rays = problem.field.rays[rows, columns]
+    aside = rays[rays[:, 2].argmin()]
+    angle = np.arccos(np.clip([aside[2], (rays @ aside).min()], -1, 1))
+    scale = np.divide(result.report.picture_size or shown.shape[::-1], shown.shape[::-1])
+    px = scale * [np.ptp(columns) + 1, np.ptp(rows) + 1]
+    return {
+        "px": np.rint(px).astype(int).tolist(),
+        "degrees": float(np.rad2deg(2 * angle[0] if aside[2] < 0 else angle[1])),
+    }
+
+
 def summary(result: Result, sigma: FloatArray | None = None) -> Iterator[str]:
     """Say what a run found, a line each, as the command line prints it; σ (H, W), if it is known."""
     known = result.distance[result.mask]
@@ -258,6 +277,8 @@ def summary(result: Result, sigma: FloatArray | None = None) -> Iterator[str]:
         f"distance: median {np.median(known):.4g}, from {known.min():.4g} to {known.max():.4g} "
         f"({result.problem.unit})"
     )
+    field = field_seen(result)
+    yield "field: {}x{} px, {:.0f}° across".format(*field["px"], field["degrees"])
     yield from (*nominal_light(result), *notes(result))
     yield from (*_of_evidence(result.problem), *warnings(result))
     if sigma is not None:
@@ -321,6 +342,7 @@ DIM = (
 )
 SATURATED_SHARE = 0.1  # of one colour; usual frames have up to .03
 BLOWN_OUT = 0.05  # of the pixels, in all that is solved
+LITTLE_KEPT = 0.2  # by a mask, of what is shown
 WITHOUT_RAY = 0.02  # of the picture's pixels
 # Of the energy, from one step of Gauss-Newton: where Gauss-Newton ends by itself it is .18 at most, and of
 # primal-dual's surfaces .24 and more.
@@ -399,13 +421,25 @@ def warnings(result: Result) -> Iterator[str]:
             f"{100 * misplaced:.0f} % of the mask lies beyond what the endoscope shows, and was "
             "left out: the mask may be another camera's."
         )
+    kept = result.report.shown_share
+    if kept < LITTLE_KEPT:
+        yield (
+            f"The mask keeps {100 * kept:.2g} % of what the endoscope shows: it should be bright where the "
+            "frame is to be used."
+        )
     without_ray = result.report.without_ray
     if without_ray >= WITHOUT_RAY:
         yield (
             f"{100 * without_ray:.0f} % of what the endoscope shows has no ray, and is left out: "
             "the camera's model ends or turns back before the picture does."
         )
-    if unclear_surround(picture, mask):
+    is_unclear, are_two = surround_doubts(picture, mask)
+    if are_two:
+        yield (
+            "The picture shows two fields of view, apart from each other, and the surface is of one: cut the "
+            "picture in two, or choose one with --mask."
+        )
+    if is_unclear:
         yield (
             "Corners of the picture have one flat colour and no clear edge: if they surround what the "
             "endoscope shows, a mask must leave them out."

@@ -32,6 +32,7 @@ REFRESH = 25  # frames after which a cold start is tried anyway
 # median distances, and direction, rad.
 GAIN_STEP = 0.1
 MOTION_STEP = 0.05
+Picture = Frame | FloatArray | ValueError
 SAMPLES = 8000  # pixels that are compared; their link is that of all within 1e-4
 INDEPENDENT = 100.0  # as many of them tell their own story
 ROUNDS = 20  # of reweighting
@@ -94,7 +95,7 @@ class Step:
 
 
 def reconstruct_sequence(
-    frames: Iterable[tuple[str, Frame | FloatArray | None]],
+    frames: Iterable[tuple[str, Picture]],
     calibration: Calibration,
     *,
     before: Carried | None = None,
@@ -109,8 +110,8 @@ def reconstruct_sequence(
 
     Parameters
     ----------
-    frames : iterable of (str, Frame or array or None)
-        Names and pictures, as `endolab.open_frames` gives them; None for a broken one.
+    frames : iterable of (str, Frame or array or ValueError)
+        Names and pictures, as `endolab.open_frames` gives them; what says why for one that cannot be read.
     calibration : Calibration
         For pictures of that size.
     before : Carried, optional
@@ -143,7 +144,9 @@ def reconstruct_sequence(
         step = Step(index, name, None)
         try:
             frame = as_frame(name, picture)
-            start = carried if can_start else None
+            size = None if carried is None else carried.result.report.picture_size
+            is_alike = size in (None, (frame.width, frame.height))
+            start = carried if can_start and is_alike else None
             asked = options | (lengths if carried is None else {})
             believed = _usually_as_far(calibration, carried)
             found, warm = _solve_next(frame, believed, start, asked)
@@ -207,10 +210,10 @@ def _solve_next(
     return Carried(cold, light, cold.energy, 1), False
 
 
-def as_frame(name: str, picture: Frame | FloatArray | None) -> Frame:
-    """Make a frame of a picture that has no mask; ValueError in one sentence, if there is none."""
-    if picture is None:
-        raise ValueError(f"{name}: cannot be read")
+def as_frame(name: str, picture: Picture) -> Frame:
+    """Make a frame of a picture that has no mask; raise what it is instead, if it could not be read."""
+    if isinstance(picture, ValueError):
+        raise picture
     if isinstance(picture, Frame):
         return picture
     return Frame(picture, np.ones(np.shape(picture)[:2], dtype=bool), name)

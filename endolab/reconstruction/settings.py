@@ -33,7 +33,7 @@ class Settings:
     Parameters
     ----------
     width : int, optional
-        Shrink the frame to this width first, px.
+        Shrink the frame to this width first, px; a narrower one stays as it is.
     lam : float
         Weight of the regulariser; larger is smoother.
     channel : {"auto", "separated", "red", "green", "blue", "grey"}, optional

@@ -63,6 +63,7 @@ class Report:
     highlights: str = ""  # what was done with them
     # Fraction of the mask that was given which lies beyond what the endoscope shows.
     misplaced: float = 0.0
+    shown_share: float = 1.0  # fraction of what the endoscope shows that the mask keeps
     box_share: float = 0.0  # fraction of the picture that is a box of one colour, left out
     without_ray: float = (
         0.0  # fraction of what it shows that the camera's model does not reach

@@ -93,7 +93,7 @@ def test_a_known_camera_is_kept(video):
         (np.zeros_like, "dark nor saturated", 2.2),
         (lambda image: np.full_like(image, 0.5), "lit room", 2.2),
         (lambda image: np.where(image < 0.25, 0.0, 1.0), "too large for a lamp", 2.2),
-        (lambda image: None, "samples", 2.2),
+        (lambda image: ValueError("lost"), "samples", 2.2),
         (np.asarray, "gamma", "free"),
     ],
     ids=["dark", "even", "black and white", "lost", "gamma sought"],
@@ -110,7 +110,7 @@ def test_a_light_that_cannot_be_fitted_leaves_the_camera(video, expose, word, ga
 
 def test_frames_of_another_size_are_named_and_those_left_out_stop_nothing(video):
     frames, _, _ = video
-    others = [("small.png", np.zeros((90, 120))), ("broken.png", None)]
+    others = [("small.png", np.zeros((90, 120))), ("broken.png", ValueError("lost"))]
     for mixed in (others + frames[:1], frames[:1] + others):
         found, size = detect_all(mixed, SHEET, leave_out=[name for name, _ in others])
         assert (size, len(found[frames[0][0]].ids) > 0) == (SIZE, True)

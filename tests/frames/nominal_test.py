@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import endolab as el
+from endolab.frames.nominal import nominal_of_several
 from endolab.model.photometry import NOMINAL
 
 CAMERA = el.KannalaBrandt(80, 60, 30.0, 30.0, 41.0, 28.0, (0.02, 0.0, 0.0, 0.0))
@@ -31,6 +32,18 @@ def test_the_field_of_view_is_that_of_the_disc_or_the_diagonal(frame, fov, pixel
     assert angles == pytest.approx([fov / 2, 0, fov / 2], abs=1)
     assert nominal.photometry == NOMINAL
     assert nominal.photometry.gain is None
+
+
+def test_of_several_frames_the_widest_field_but_one_counts_for_each_size():
+    blue = el.Frame(
+        np.tile(np.linspace(0.1, 0.2, 320), (240, 1)), np.ones((240, 320), bool)
+    )
+    dark_side, *discs = (disc(240, 320, 150, 118, radius) for radius in (80, 100, 100))
+    small = disc(120, 120, 60, 60, 50)
+    known = nominal_of_several([blue, dark_side, discs[0], small, discs[1]], 140)
+    for frame in (discs[0], small):
+        own = el.nominal_calibration(frame)
+        assert known.fit("", frame.width, frame.height).camera == own.camera
 
 
 def test_a_crop_that_is_enlarged_sees_along_the_same_rays():

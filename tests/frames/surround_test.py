@@ -6,7 +6,7 @@ import pytest
 
 import endolab as el
 from endolab import datasets
-from endolab.frames.surround import field_of_view, unclear_surround
+from endolab.frames.surround import field_of_view, surround_doubts
 
 HIGH = 360
 WIDE = 480
@@ -20,6 +20,8 @@ SHAPES = {
     "disc": DISC,
     "cut disc": np.hypot(ACROSS, DOWN) < 215,
     "octagon": (ACROSS < 225) & (DOWN < 170) & (ACROSS + DOWN < 300),
+    "third": np.hypot(ACROSS, DOWN) < 75,
+    "aside": np.hypot(COLUMN - 130, ROW - 140) < 75,
     "rounded": np.hypot(np.maximum(ACROSS - 150, 0), np.maximum(DOWN - 90, 0)) < 75,
 }
 
@@ -85,6 +87,23 @@ def with_text(*boxes):
     return show
 
 
+def in_corners(width, colour):
+    """Text, or boxes, in the four corners around an octagon."""
+
+    def show(wall, rng, level):
+        around = np.full(wall.shape, level, dtype=np.uint8)
+        for corner in ((0, 0), (WIDE - 90, 0), (0, HIGH - 30), (WIDE - 90, HIGH - 30)):
+            cv2.rectangle(around, (*corner, width, 30), colour, cv2.FILLED)
+            place = (corner[0] + 2, corner[1] + 14)
+            cv2.putText(
+                around, "fr 2841", place, cv2.FONT_HERSHEY_SIMPLEX, 0.6, (230,) * 3
+            )
+        inside = (ACROSS < 168) & (DOWN < 168) & (ACROSS + DOWN < 240)
+        return surrounded(wall, inside, around), inside
+
+    return show
+
+
 def fading(wall, rng, level):
     """By and by the wall becomes as dark as a surround, and darker."""
     away = np.clip((np.hypot(ROW - 250, COLUMN - 350) - 40) / 60, 0, 1)
@@ -106,6 +125,8 @@ SHOWN = {
     "corner": with_text((0, 300, 60, 60, (200, 120, 30))),
     "bars": with_text((0, 0, 30, HIGH, BLACK), (WIDE - 30, 0, 30, HIGH, BLACK)),
     "fading": fading,
+    "text in corners": in_corners(0, BLACK),
+    "boxes in corners": in_corners(90, (50, 80, 200)),
 }
 
 
@@ -123,7 +144,20 @@ def test_a_picture_that_a_wall_fills_has_no_surround(wall):
     few = 255 * el.render(el.SCENES["tube"], known.camera, known.photometry).image
     for picture in (wall, wall * fall**2, lit_aside, 250 - 0.5 * COLUMN, few):
         assert field_of_view(np.round(picture) / 255).all()
-    assert not unclear_surround(few / 255, np.ones(few.shape[:2], bool))
+    assert not any(surround_doubts(few / 255, np.ones(few.shape[:2], bool)))
+
+
+def test_of_two_fields_one_is_taken_and_both_are_named(wall):
+    one, other = (np.hypot(COLUMN - at, DOWN) < 105 for at in (120, 359))
+    image = surrounded(wall, one | other, 8)
+    shown = field_of_view(image / 255)
+    assert surround_doubts(image / 255, shown) == (False, True)
+    assert (
+        min((shown & one).sum(), (shown & other).sum())
+        == 0
+        < 0.9 * one.sum()
+        < shown.sum()
+    )
 
 
 def test_a_mask_that_keeps_a_crescent_of_the_surround_loses_it(wall):
@@ -135,6 +169,10 @@ def test_a_mask_that_keeps_a_crescent_of_the_surround_loses_it(wall):
     beyond = (shifted & ~DISC).sum() / shifted.sum()
     assert frame.misplaced == pytest.approx(beyond, abs=0.03)
     assert el.Frame(frame.image, DISC).misplaced == 0
+    tenth = DISC & (ROW < 76)
+    assert el.Frame(frame.image, tenth).shown_share == pytest.approx(
+        tenth.sum() / DISC.sum(), abs=0.02
+    )
 
 
 @pytest.mark.parametrize(("soft", "named"), [(0.0, False), (0.47, True), (1.0, False)])
@@ -150,4 +188,4 @@ def test_a_surround_that_is_unsure_is_kept_and_named(soft, named):
     levels = 16 + (image - 16) * share[..., None]
     frame = el.Frame(levels / 255, np.ones(row.shape, bool))
     assert frame.pixels_to_use().all() == (soft > 0)
-    assert unclear_surround(frame.image, frame.pixels_to_use()) == named
+    assert surround_doubts(frame.image, frame.pixels_to_use()) == (named, False)

@@ -49,6 +49,22 @@ def test_a_dicom_picture_is_read_in_its_colours(tmp_path, compression, colours):
     assert_allclose(el.read_frame(path).image * 255, seen, atol=6)
 
 
+@pytest.mark.parametrize("implicit", [True, False])
+def test_a_folder_of_files_without_preamble_or_suffix_is_read(tmp_path, implicit):
+    whole = pydicom.dcmread(write(tmp_path / "a.dcm", COLOURS))
+    (tmp_path / "a.dcm").unlink()
+    plain = {
+        "implicit_vr": implicit,
+        "little_endian": True,
+        "enforce_file_format": False,
+    }
+    del whole.file_meta, whole.preamble
+    for name in ("1.2.840.1", "IM2"):
+        whole.save_as(tmp_path / name, **plain)
+    assert not is_sequence(tmp_path / "IM2")
+    assert_allclose([255 * image for _, image in open_frames(tmp_path)], [COLOURS] * 2)
+
+
 @pytest.mark.parametrize("bits", [10, 12, 16])
 def test_all_its_bits_are_read(tmp_path, rng, bits):
     stored = rng.integers(0, 2**bits, (6, 8)).astype(np.uint16)
@@ -75,7 +91,9 @@ def test_several_frames_have_their_times(tmp_path, tags, times):
 def test_pixels_become_square(tmp_path, caplog):
     path = write(tmp_path / "a.dcm", COLOURS, PixelAspectRatio=["3", "2"])
     assert read_image(path).shape == (96, 48, 3)
-    assert "3:2" in caplog.text
+    assert "48x96" in caplog.text
+    known = el.Calibration(el.Pinhole(48, 64, 40, 40, 24, 32))
+    assert read_image(path, 0, known).shape == (64, 48, 3)
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
 """Pictures, masks and frames in files, against other programs."""
 
+import struct
 import zlib
 
 import cv2
@@ -60,12 +61,82 @@ def test_a_picture_is_read_as_it_is_stored(tmp_path, rng, kind):
         assert_allclose(found, expected / most, atol=1e-5)
 
 
-def test_a_jpeg_is_read_as_others_read_it(tmp_path):
-    for mode in ("L", "RGB", "CMYK"):
-        Image.fromarray(WALL.astype(np.uint8)).convert(mode).save(tmp_path / "a.jpg")
-        image = read_image(tmp_path / "a.jpg")
-        first = image if mode == "L" else image[..., 0]
-        assert_allclose(first * 255, WALL, atol=4)
+@pytest.mark.parametrize(
+    ("suffix", "mode"), [("jpg", "L"), ("jpg", "RGB"), ("jpg", "CMYK"), ("avif", "RGB")]
+)
+def test_a_picture_with_loss_is_read_as_others_read_it(tmp_path, suffix, mode):
+    path = tmp_path / f"a.{suffix}"
+    Image.fromarray(WALL.astype(np.uint8)).convert(mode).save(path, quality=90)
+    image = read_image(path)
+    assert not is_sequence(path)
+    first = image if mode == "L" else image[..., 0]
+    assert_allclose(first * 255, WALL, atol=6)
+
+
+@pytest.mark.parametrize("suffix", ["gif", "webp", "avif", "png"])
+def test_of_several_pictures_that_are_no_video_the_first_is_taken_and_said(
+    tmp_path, caplog, suffix
+):
+    first, *more = (Image.new("RGB", (40, 30), (30 * n,) * 3) for n in (1, 2, 3))
+    path = tmp_path / f"a.{suffix}"
+    first.save(path, save_all=True, append_images=more)
+    assert not is_sequence(path)
+    assert_allclose(read_image(path), 30 / 255, atol=0.01)
+    assert "holds 3 pictures" in caplog.text
+
+
+def profile(curve):
+    """An ICC profile that has a curve alone."""
+    tag = b"rTRC" + struct.pack(">2I", 144, len(curve))
+    return bytes(128) + struct.pack(">I", 1) + tag + curve
+
+
+GAMMA = {"gAMA": struct.pack(">I", 100_000)}
+POWER = profile(b"curv" + bytes(4) + struct.pack(">IH", 1, 563))  # 2.2
+STRAIGHT = profile(b"curv" + bytes(4) + struct.pack(">IH", 1, 256))
+PARAMETRIC = profile(b"para" + bytes(8) + struct.pack(">I", 65536))
+
+
+@pytest.mark.parametrize(
+    ("chunks", "how", "linear"),
+    [
+        (GAMMA, {}, True),
+        ({"gAMA": struct.pack(">I", 45_455)}, {}, False),
+        ({"sRGB": b"\0"} | GAMMA, {}, False),
+        ({"cICP": bytes([1, 8, 0, 1])}, {}, True),
+        ({"cICP": bytes([1, 1, 0, 1])} | GAMMA, {}, False),
+        ({}, {"icc_profile": STRAIGHT}, True),
+        ({}, {"icc_profile": POWER}, False),
+        (None, {"icc_profile": PARAMETRIC}, True),
+        (None, {"icc_profile": POWER}, False),
+    ],
+)
+def test_what_says_that_it_is_linear_is_named_and_a_nominal_light_is_so(
+    tmp_path, caplog, chunks, how, linear
+):
+    path = tmp_path / ("a.tif" if chunks is None else "a.png")
+    Image.fromarray(WALL.astype(np.uint8)).save(path, **how)
+    for name, content in (chunks or {}).items():
+        png = path.read_bytes()
+        chunk = name.encode() + content
+        chunk = struct.pack(">I", len(content)) + chunk + zlib.crc32(chunk).to_bytes(4)
+        path.write_bytes(png[:33] + chunk + png[33:])
+    frame = el.read_frame(path)
+    assert el.nominal_calibration(frame).photometry.gamma == (1 if linear else 1.5)
+    assert not caplog.text
+    el.read_frame(path, el.Calibration(el.Pinhole(50, 40, 30, 30, 25, 20)))
+    assert ("says that it is linear" in caplog.text) is linear
+
+
+def test_of_a_stereo_picture_the_part_that_is_the_calibrations_is_read(tmp_path):
+    both = np.hstack([WALL, WALL + 60]).astype(np.uint8)
+    write_image(tmp_path / "a.png", both / 255)
+    write_image(tmp_path / "m.png", both > 0)
+    known = el.Calibration(el.Pinhole(25, 20, 15, 15, 12, 10), part=(50, 0, 50, 40))
+    frame = el.read_frame(tmp_path / "a.png", known, tmp_path / "m.png")
+    assert_array_equal(frame.image, both[:, 50:] / 255)
+    ((_, image),) = el.open_frames(tmp_path / "a.png", calibration=known)
+    assert_array_equal(image, frame.image)
 
 
 def test_a_written_picture_reads_back(tmp_path, rng):

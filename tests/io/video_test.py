@@ -10,6 +10,7 @@ import tifffile
 from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
 
+import endolab as el
 from endolab.io.images import read_image, write_image
 from endolab.io.video import is_sequence, open_frames, write_video
 
@@ -40,14 +41,17 @@ def test_a_folder_is_read_in_the_order_of_its_numbers_and_a_broken_picture_is_no
     (tmp_path / "._frame_1.png").write_bytes(b"as macOS leaves it")
     (tmp_path / "notes.txt").write_text("not a picture")
     (tmp_path / "folder.png").mkdir()
+    directory = bytes(128) + b"DICM" + b"1.2.840.10008.1.3.10"
+    (tmp_path / "DICOMDIR").write_bytes(directory)
     frames = open_frames(tmp_path)
     assert frames.names == tuple(f"frame_{number}.png" for number in (1, 2, 3, 9, 10))
     images = [image for _, image in frames]
-    assert [image is None for image in images] == [False, True, True, False, False]
+    assert "frame_2.png: not a whole picture" in str(images[1])
+    assert "frame_3.png: there is no such file" in str(images[2])
     assert_allclose(images[0], pictures[1], atol=1e-9)
 
 
-@pytest.mark.parametrize("kind", ["a.gif", "a.webp", "a.tif", "16.tif"])
+@pytest.mark.parametrize("kind", ["a.tif", "16.tif"])
 def test_the_pages_of_a_file_are_frames(tmp_path, rng, kind):
     deep = rng.integers(0, 9, (3, 24, 32, 3)) * 8000
     path = tmp_path / kind
@@ -55,16 +59,13 @@ def test_the_pages_of_a_file_are_frames(tmp_path, rng, kind):
         tifffile.imwrite(path, deep.astype(np.uint16), photometric="rgb")
     else:
         first, *more = (Image.fromarray((one // 256).astype(np.uint8)) for one in deep)
-        how = {"append_images": more, "duration": [40, 80, 40], "lossless": True}
-        first.save(path, save_all=True, **how)
+        first.save(path, save_all=True, append_images=more)
     assert is_sequence(path)
     frames = open_frames(path)
     images = [image for _, image in frames]
-    off = 0.3 if "gif" in kind else 0.01
-    assert_allclose(images, deep / 65535, atol=off)
+    assert_allclose(images, deep / 65535, atol=0.01)
     assert_array_equal(dict(frames.read(["000001"]))["000001"], images[1])
-    times = [0, np.nan, np.nan] if "tif" in kind else [0, 0.04, 0.12]
-    assert_allclose([*frames.times.values()], times)
+    assert_allclose([*frames.times.values()], [0, np.nan, np.nan])
 
 
 def test_pictures_that_are_named_are_told_apart_wherever_they_lie(tmp_path, pictures):
@@ -93,7 +94,9 @@ def write_numbered(path, code, rate=25.0):
 def numbers_in(path):
     """The numbers that frames count; the bar is at the top left, unless they were turned."""
     return [
-        None if image is None else round(np.sum(image[8].mean(axis=-1) > 0.5) / 8)
+        None
+        if isinstance(image, ValueError)
+        else round(np.sum(image[8].mean(axis=-1) > 0.5) / 8)
         for _, image in open_frames(path)
     ]
 
@@ -169,6 +172,23 @@ def test_a_video_marked_as_turned_is_read_as_the_sensor_saw_it(
     path.write_bytes(content)
     assert numbers_in(path) == [*range(30)]
     assert "v.mp4 is marked to be shown turned" in caplog.text
+
+
+def test_pixels_become_square_unless_the_calibration_is_of_those_stored(
+    tmp_path, caplog
+):
+    path = tmp_path / "v.mpg"
+    content = write_numbered(path, "MPG2")
+    # Of MPEG-2: a picture of 4:3, so that 320 x 64 px are 3.75 times as high as wide.
+    place = content.find(b"\0\0\1\xb3") + 7
+    while place > 7:
+        content[place] = 0x20 | (content[place] & 15)
+        place = content.find(b"\0\0\1\xb3", place) + 7
+    path.write_bytes(content)
+    assert next(iter(open_frames(path)))[1].shape == (240, 320, 3)
+    assert "320x240" in caplog.text
+    stored = el.Calibration(el.Pinhole(320, 64, 200, 200, 160, 32))
+    assert next(iter(open_frames(path, calibration=stored)))[1].shape == (64, 320, 3)
 
 
 def test_what_is_damaged_in_the_middle_of_a_video_shifts_no_names(tmp_path):

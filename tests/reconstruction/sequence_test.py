@@ -106,10 +106,11 @@ def test_a_cut_in_the_film_is_begun_again():
 def test_what_cannot_be_used_is_named_and_skipped():
     seen = named(shots(WAYS["tube"][:3]))
     small = np.full((10, 12), 0.5)
-    frames = [("lost", None), seen[0], ("small", small), seen[1]]
+    lost = ValueError("lost: half of it is missing")
+    frames = [("lost", lost), seen[0], ("small", small), seen[1]]
     steps = list(reconstruct_sequence(frames, KNOWN))
     assert [step.result is None for step in steps] == [True, False, True, False]
-    assert steps[0].error == "lost: cannot be read"
+    assert steps[0].error == str(lost)
     assert "small is 12x10 px, but the calibration is for 96x72 px" in steps[2].error
     assert steps[3].warm
 

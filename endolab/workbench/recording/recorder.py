@@ -14,6 +14,7 @@ import rerun as rr
 
 from endolab.io.atomic import PathLike
 from endolab.model.cameras import Camera
+from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import check_int
 from endolab.reconstruction.report import notes
@@ -307,7 +308,7 @@ def _settings(last: Iterate) -> rr.TextDocument:
 
 
 def record_sequence(
-    path: PathLike, unit: str, camera: Camera, frames: Iterable[Done]
+    path: PathLike, unit: str, calibration: Calibration, frames: Iterable[Done]
 ) -> None:
     """Record frames and what was made of them, in any order, whole or not at all.
 
@@ -317,6 +318,7 @@ def record_sequence(
     """
     with Sink(path) as sink:
         shown: list[Shown] = []
+        camera: Camera = calibration.camera
         for row, picture, maps in frames:
             distance = maps["distance"]
             height, width = distance.shape
@@ -324,7 +326,6 @@ def record_sequence(
             if not shown:
                 ends = limits("distance", distance)
                 shown.append(Shown("", unit, ends))
-                camera = camera.resize(width, height)
                 still: Painted = {
                     "world": rr.ViewCoordinates.RDF,
                     "world/camera": looks_along(distance),
@@ -335,6 +336,9 @@ def record_sequence(
             sink.at(FRAMES, row["index"])
             small: Any = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
             sink.log(paint_frame(small, 1 * np.isfinite(distance), step))
+            known = calibration.for_size(picture.shape[1], picture.shape[0])
+            seen = known.camera.resize(width, height)
+            camera = camera if seen == camera else seen  # whose rays are kept
             points = distance[..., None] * camera.field.rays
             sink.log(paint_surface(points, maps["normals"], ends, step))
             sink.log({"stage": rr.TextLog(row["frame"])})

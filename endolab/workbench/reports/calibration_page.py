@@ -86,7 +86,7 @@ def write_report(
     # Black where it can no longer be read.
     image = np.zeros((session.camera.height, session.camera.width))
     for number, (one, picture) in enumerate(frames):
-        if picture is not None:
+        if not isinstance(picture, ValueError):
             found = session.detections[one].pixels
             with say_undrawn(folder / f"frame_{number}.jpg", undrawn) as path:
                 write_atomically(path, _small(picture, found))

@@ -246,7 +246,7 @@ def test_a_sequence_holds_its_frames_and_no_reconstruction(tmp_path):
         row |= dict.fromkeys(("median_distance", "iterations", "seconds"), 1.0)
         maps = {"distance": step.distance, "normals": step.normals}
         frames.append((row, step.problem.shown, maps))
-    record_sequence(tmp_path / "frames.rrd", "mm", camera, frames)
+    record_sequence(tmp_path / "frames.rrd", "mm", el.Calibration(camera), frames)
     file = Recorded(tmp_path / "frames.rrd")
     assert "/plots/gain" not in file.rows
     energies = file.numbers("/plots/energy", "scalars")
