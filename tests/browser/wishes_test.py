@@ -105,7 +105,7 @@ def facts():
 
 @pytest.fixture
 def tuner(browser, facts, tmp_path):
-    script = widget.page_script("tuner.js").replace("export default { render };", "")
+    script = widget.page_script("tuner")
     style = Path(widget.__file__).with_name("tuner.css").read_text(encoding="utf-8")
     page = PAGE.format(script=script, style=style, facts=json.dumps(facts))
     (tmp_path / "page.html").write_text(page, encoding="utf-8")

@@ -18,7 +18,7 @@ import numpy as np
 
 from endolab.workbench.tuning.engine import Answer
 from endolab.workbench.tuning.maps import as_texts
-from endolab.workbench.tuning.surface_view import page_script
+from endolab.workbench.tuning.script import page_script
 
 PAGE = """<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8"><title>{title}</title><link rel="icon" href="data:,">
@@ -65,11 +65,9 @@ def write_page(
     still = as_texts(arrays)
     content = {"facts": facts, "first": first, "messages": messages, "still": still}
     style = Path(__file__).with_name("tuner.css").read_text(encoding="utf-8")
-    script = page_script("tuner.js").replace("export default { render };", "")
-    script += Path(__file__).with_name("player.js").read_text(encoding="utf-8")
     return PAGE.format(
         title=html.escape(title),
         style=style,
-        script=script,
+        script=page_script("player"),
         content=json.dumps(content | pack(answers)).replace("</", "<\\/"),
     )

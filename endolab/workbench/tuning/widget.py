@@ -1,7 +1,7 @@
 """The tuner: knobs under a hand, the surface under its eyes.
 
 `tune` makes a widget for JupyterLab and for `endolab tune`. Its `engine` answers in a thread of its own; the
-page (`tuner.js`) is sent numbers, and draws. One picture is under way at a time: the next one waits until the
+page (`page/tuner.js`) is sent numbers, and draws. One picture is under way at a time: the next one waits until the
 page says that it has painted the last. `TunerBox.answer` is what is shown, written and exported.
 """
 
@@ -51,7 +51,7 @@ from endolab.workbench.tuning.engine import (
 from endolab.workbench.tuning.maps import PANELS, as_buffers, map_of, rgba, still_of
 from endolab.workbench.tuning.player import write_page
 from endolab.workbench.tuning.source import Knobs, Source
-from endolab.workbench.tuning.surface_view import page_script
+from endolab.workbench.tuning.script import page_script
 
 # The page's controls, in order: how they are labelled, what they offer and how far they reach.
 KNOBS: list[dict[str, Any]] = json.loads(
@@ -141,7 +141,7 @@ class TunerBox(anywidget.AnyWidget):
     `knobs` are what the page's controls say, `answer` is what is shown. Each action of the page is a method.
     """
 
-    _esm = page_script("tuner.js")
+    _esm = page_script("tuner") + "export default { render };"
     _css = Path(__file__).with_name("tuner.css")
     facts: t.Dict[str, Any] = t.Dict().tag(sync=True)  # what the page needs from the start
 
