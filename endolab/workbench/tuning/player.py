@@ -11,14 +11,19 @@ import html
 import json
 import zlib
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from endolab.workbench.tuning.engine import Answer
-from endolab.workbench.tuning.maps import as_texts
+from endolab.solvers.problem import REGULARISERS
+from endolab.workbench.tuning.engine import Answer, Engine
+from endolab.workbench.tuning.maps import PANELS, as_texts
+from endolab.workbench.tuning.messages import message_of, still_said
 from endolab.workbench.tuning.script import page_script
+
+PLAYED_LAMS = 10 ** np.linspace(-2, 2, 21)
 
 PAGE = """<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8"><title>{title}</title><link rel="icon" href="data:,">
@@ -53,20 +58,31 @@ def pack(answers: Sequence[Answer]) -> dict[str, Any]:
     return {"packed": packed, "low": low - step, "step": step, "end": end}
 
 
-def write_page(
-    facts: dict[str, Any],
-    first: dict[str, Any],
-    arrays: dict[str, np.ndarray],
-    messages: Sequence[dict[str, Any]],
-    answers: Sequence[Answer],
-    title: str,
-) -> str:
-    """Return the page: what the tuner needs at first, with arrays, and what it hears of each answer."""
-    still = as_texts(arrays)
-    content = {"facts": facts, "first": first, "messages": messages, "still": still}
+def page_of(answer: Answer, engine: Engine, facts: dict[str, Any]) -> str:
+    """Return the page: λ × regulariser, with the light and the contours of an answer."""
+    if answer.settings.solver != "gauss_newton":
+        raise ValueError("only Gauss-Newton's answers are played over λ")
+    lams = [float(f"{lam:.3g}") for lam in PLAYED_LAMS]
+    orders: Any = REGULARISERS
+    wishes = [
+        replace(answer.settings, lam=lam, regulariser=order)
+        for order in orders
+        for lam in lams
+    ]
+    answers = [engine.solve(wish, answer.still) for wish in wishes]
+    words, arrays = still_said(answer)
+    specs = [spec for spec in facts["specs"] if spec["name"] in ("lam", "regulariser")]
+    specs[1] = specs[1] | {"options": [*REGULARISERS]}
+    knobs = {"lam": answer.settings.lam, "regulariser": "second"}
+    content = {
+        "facts": facts | {"specs": specs, "panels": [*PANELS[:2]], "alone": True},
+        "first": words | {"knobs": knobs, "anew": True},
+        "messages": [message_of(one, PANELS[:2], engine)[0] for one in answers],
+        "still": as_texts(arrays),
+    }
     style = Path(__file__).with_name("tuner.css").read_text(encoding="utf-8")
     return PAGE.format(
-        title=html.escape(title),
+        title=html.escape(f"{answer.still.subject.frame.name} · endolab"),
         style=style,
         script=page_script("player"),
         content=json.dumps(content | pack(answers)).replace("</", "<\\/"),
