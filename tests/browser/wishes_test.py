@@ -170,8 +170,15 @@ def test_what_belongs_to_another_state_is_not_drawn(tuner):
     of_sigma = MAPS | {"σ": {"title": "of the distance"}}
     tuner.answer({"maps": of_sigma}, {"σ": [3] * WIDTH * HEIGHT})
     assert title.inner_text() == "of the distance"
-    tuner.say({"chips": [{"chip": "too smooth", "text": "", "lam": 0.4}], "state": 0})
-    assert page.locator(".endolab-chip").count() == 1
+    chips = [
+        {"chip": f"{word} " * 9, "text": word} for word in ("smooth", "dim", "wet")
+    ]
+    tuner.say({"chips": chips * 3, "state": 0})
+    chip = page.locator(".endolab-chip")
+    assert "+ " in chip.last.inner_text()  # and none is cut off
+    assert page.evaluate("() => innerWidth") > chip.last.evaluate(
+        "one => one.getBoundingClientRect().right"
+    )
     tuner.state = 1
     tuner.answer(far=30.0)
     assert page.locator(".endolab-chip").count() == 0

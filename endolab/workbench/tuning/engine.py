@@ -39,7 +39,6 @@ from endolab.reconstruction.contrast import (
 from endolab.reconstruction.found import Found
 from endolab.reconstruction.lamps import Lamps, divide_by_lamps
 from endolab.reconstruction.pipeline import find, solve_found
-from endolab.reconstruction.report import warnings
 from endolab.reconstruction.scale import to_scale
 from endolab.reconstruction.uncertainty import Uncertainty
 from endolab.solvers.energy import contradicts, model_image
@@ -144,11 +143,6 @@ class Answer:
         error = 100 * np.abs(self.result.distance / truth - 1)
         known = error[np.isfinite(error)]
         return float(known.mean()), float(np.median(known))
-
-    @cached_property
-    def doubts(self) -> Sequence[str]:
-        """What is doubtful about the surface, a sentence each."""
-        return tuple(warnings(self.result))
 
     @property
     def is_final(self) -> bool:

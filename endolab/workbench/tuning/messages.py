@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Set
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from endolab.reconstruction.report import advice, describe, what_changed
+from endolab.reconstruction.report import advice, describe, warnings, what_changed
 from endolab.workbench.tuning.engine import Answer, Engine
 from endolab.workbench.tuning.maps import map_of, rgba, still_of
 from endolab.workbench.tuning.source import Knobs, Subject
@@ -31,13 +31,16 @@ def message_of(
     name = answer.settings.solver.replace("_", " ")
     if answer.uses_lam:
         name = f"λ {answer.settings.lam:.3g}, {order}"
+    worth = "on the way"
+    if answer.is_final:
+        worth = f"{100 * max(answer.explained, 0):.1f} % explained"
     line = describe(answer.result, answer.explained, answer.kind, answer.errors)
     if answer.is_final and answer.is_anew and change:
         line = f"{change} · {line}"
     several = engine.curve_of(answer)
     maps = {name: map_of(name, answer, several) for name in names}
     message = {
-        "label": f"{name}, {100 * answer.explained:.1f} % explained",
+        "label": f"{name}, {worth}",
         "badge": "" if answer.is_anew else "held",
         "state": answer.state,
         "found": engine.number_of(answer),
@@ -103,17 +106,23 @@ def curve_of(answer: Answer, engine: Engine) -> dict[str, Any]:
     return curve
 
 
-def chips_of(answer: Answer, engine: Engine, moved: float) -> list[dict[str, Any]]:
-    """What asks for a look: advice, warnings, and what share of the pixels `moved` by asking anew, %."""
+def chips_of(
+    answer: Answer, engine: Engine, moved: float, turned: Set[str]
+) -> list[dict[str, Any]]:
+    """What asks for a look: advice, warnings, and what share of the pixels `moved` by asking anew, %.
+
+    What may be their cause begins with the knobs that were `turned`.
+    """
     chips: list[dict[str, Any]] = []
     best, _ = engine.best_lam(answer)
-    advised = advice(answer.explained, best)
+    advised = advice(answer.explained, answer.settings.lam, best)
     if advised:
         text = "A smaller λ follows the picture more closely; click to take it."
         chips.append({"chip": advised, "text": text, "lam": float(f"{best:.2g}")})
     chips += [
         {"chip": re.split("[:;,]", text)[0].rstrip("."), "text": text}
-        for text in answer.doubts
+        for text in warnings(answer.result, turned)
+        if not (advised and "λ too large" in text)
     ]
     if answer.is_anew and moved >= LEAST_ELSEWHERE:
         share = f"{moved:.2g} %"

@@ -144,6 +144,7 @@ class TunerBox(anywidget.AnyWidget):
         self.answer: Answer | None = None
         self._maps = set(PANELS[:2])  # that the page is sent
         self._change = ("", 0.0)  # by asking anew: a sentence, and % of the pixels
+        self._turned: set[str] = set()  # the knobs that were turned last
         self._finds = 0  # so many times all was found anew
         self._is_open = False  # whether there is a page
         self._free = threading.Event()  # the page has painted what it was sent
@@ -211,8 +212,10 @@ class TunerBox(anywidget.AnyWidget):
         Light and contours stay as they are shown, if they can; or they are found `anew`; or are those of an
         answer before, whose message had the number `found`.
         """
-        self.knobs = knobs = replace(self.knobs, **values)
-        self.engine.ask(knobs, anew, found)
+        before = vars(self.knobs)
+        self.knobs = replace(self.knobs, **values)
+        self._turned = {name for name, value in values.items() if value != before[name]}
+        self.engine.ask(self.knobs, anew, found)
 
     def choose(self, names: list[str]) -> None:
         """Send these maps from now on."""
@@ -250,10 +253,7 @@ class TunerBox(anywidget.AnyWidget):
         self._post(*picture_said(subject, self.knobs))
 
     def find_uncertainty(self, state: int | None = None) -> None:
-        """Find how far the answer that is shown can be trusted; a newer wish ends it.
-
-        Nothing, likewise.
-        """
+        """Find how far the answer of that `state`, which is shown, can be trusted; a newer wish ends it."""
         answer = self._final()
         if state not in (None, answer.state):
             return
@@ -329,10 +329,10 @@ class TunerBox(anywidget.AnyWidget):
     def _note(self) -> None:
         """Send what is known of λ now, and what asks for something: advice, warnings, what is not unique."""
         answer = self.answer
-        if answer is None:
+        if answer is None or not answer.is_final:
             return
         curve = curve_of(answer, self.engine)
-        chips = chips_of(answer, self.engine, self._change[1])
+        chips = chips_of(answer, self.engine, self._change[1], self._turned)
         self.send({"curve": curve, "chips": chips, "state": answer.state})
 
     # What is written ---------------------------------------------------------------------
@@ -354,7 +354,6 @@ class TunerBox(anywidget.AnyWidget):
     def export_aside(self, name: str, board: str) -> None:
         """Export, in the engine's thread, whatever is asked for meanwhile; `board` is a data link, PNG."""
         folder = Path(name).expanduser()
-
         content = base64.b64decode(board.partition(",")[2])
 
         def job() -> None:

@@ -24,6 +24,14 @@ export function add_status(store, to) {
     if (!message.chips) return;
     chips.replaceChildren();
     message.chips.forEach(add_chip);
+    let left = 0; // what finds no room is counted
+    while (chips.scrollWidth > chips.clientWidth && chips.children.length > 1) {
+      if (left) chips.lastChild.remove();
+      chips.lastChild.remove();
+      left += 1;
+      const text = message.chips.slice(-left).map((one) => one.text).join(" ");
+      add_chip({ chip: `+ ${left}`, text });
+    }
   });
   return say;
 }
