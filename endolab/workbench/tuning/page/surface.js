@@ -1,12 +1,13 @@
 // A surface in 3D, to be turned.
 import { add } from "./drawing.js";
+import { lay_grid } from "./grid.js";
 import { box_between, CAMERA, dot, EDGES, OUTSIDE, view_of } from "./projection.js";
 
 const VERTEX = `#version 300 es
-uniform mat4 seen; uniform ivec2 grid; in vec3 ray; in float far; out vec3 place; out vec2 at;
+uniform mat4 seen; in vec3 ray; in float far; in vec2 lies; out vec3 place; out vec2 at;
 void main() {
   place = far * ray;
-  at = (vec2(gl_VertexID % grid.x, gl_VertexID / grid.x) + 0.5) / vec2(grid);
+  at = lies;
   gl_Position = seen * vec4(place, 1.0);
 }`;
 // Relief by a lamp that the viewer holds. From outside, what the endoscope sees at more than 85° is
@@ -51,14 +52,15 @@ export class Surface {
       gl.compileShader(shader);
       gl.attachShader(program, shader);
     }
-    ["ray", "far"].forEach((name, i) => gl.bindAttribLocation(program, i, name));
+    ["ray", "far", "lies"].forEach((name, i) => gl.bindAttribLocation(program, i, name));
     gl.linkProgram(program);
     gl.useProgram(program);
     gl.enable(gl.DEPTH_TEST);
     gl.enable(gl.CULL_FACE); // nothing is seen from behind, so that a tube lies open
-    const names = ["seen", "grid", "eye", "ink", "least"];
+    const names = ["seen", "eye", "ink", "least"];
     this.at = Object.fromEntries(names.map((name) => [name, gl.getUniformLocation(program, name)]));
-    [this.rays, this.far, this.joined, this.box_lines] = [0, 1, 2, 3].map(() => gl.createBuffer());
+    const buffers = ["rays", "far", "places", "corners", "box_lines"];
+    for (const name of buffers) this[name] = gl.createBuffer();
     gl.bindTexture(gl.TEXTURE_2D, gl.createTexture());
     for (const side of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) {
       gl.texParameteri(gl.TEXTURE_2D, side, gl.CLAMP_TO_EDGE);
@@ -109,30 +111,17 @@ export class Surface {
   }
 
   /**
-   * Lays a grid of rays, every few pixels of it, joined but where the surface is cut.
-   * @type {(grid: {rays: Float32Array, cuts: Uint8Array, width: number, height: number},
+   * Lays a grid over every few pixels, torn where the surface is cut.
+   * @type {(frame: {rays: Float32Array, cuts: Uint8Array, width: number, height: number},
    *   step: number) => void}
    */
-  lay({ rays, cuts, width, height }, step) {
-    const { gl } = this, columns = Math.ceil(width / step), rows = Math.ceil(height / step);
-    this.some = { step, width, columns, rows };
-    const few = new Float32Array(3 * columns * rows);
-    const corners = new Uint32Array(6 * (columns - 1) * (rows - 1));
-    let joined = 0, torn = corners.length; // what is cut, at the end: for who looks from the camera
-    for (let i = 0, p = 0; i < rows; i++) for (let j = 0; j < columns; j++, p++) {
-      const pixel = i * step * width + j * step;
-      for (let axis = 0; axis < 3; axis++) few[3 * p + axis] = rays[3 * pixel + axis];
-      if (i + 1 === rows || j + 1 === columns) continue;
-      let is_cut = false;
-      for (let a = 0; a <= step; a++) for (let b = 0; b <= step; b++) {
-        is_cut ||= cuts[pixel + a * width + b] > 0;
-      }
-      const at = is_cut ? torn -= 6 : (joined += 6) - 6, under = p + columns;
-      corners.set([p, under, p + 1, p + 1, under, under + 1], at);
-    }
-    this.counts = [joined, corners.length];
-    this.fill(gl.ARRAY_BUFFER, this.rays, few, gl.STATIC_DRAW);
-    this.fill(gl.ELEMENT_ARRAY_BUFFER, this.joined, corners, gl.STATIC_DRAW);
+  lay(frame, step) {
+    const { gl } = this, { pixels, rays, at, corners } = lay_grid(frame, step);
+    this.pixels = pixels;
+    this.count = corners.length;
+    this.fill(gl.ARRAY_BUFFER, this.rays, rays, gl.STATIC_DRAW);
+    this.fill(gl.ARRAY_BUFFER, this.places, at, gl.STATIC_DRAW);
+    this.fill(gl.ELEMENT_ARRAY_BUFFER, this.corners, corners, gl.STATIC_DRAW);
   }
 
   /** Lays a picture on it. */
@@ -143,13 +132,9 @@ export class Surface {
 
   /** Takes distances, and the box [low, high] that holds them. */
   show(map, box) {
-    const { step, width, columns, rows } = this.some, { gl } = this;
-    const far = new Float32Array(columns * rows);
-    for (let i = 0, p = 0; i < rows; i++) {
-      for (let j = 0; j < columns; j++, p++) far[p] = map[i * step * width + j * step];
-    }
+    const { gl } = this;
     this.box = box_between(box);
-    this.fill(gl.ARRAY_BUFFER, this.far, far);
+    this.fill(gl.ARRAY_BUFFER, this.far, Float32Array.from(this.pixels, (pixel) => map[pixel]));
     const lines = new Float32Array(EDGES.flatMap((i) => this.box.corners[i]));
     this.fill(gl.ARRAY_BUFFER, this.box_lines, lines);
   }
@@ -168,19 +153,19 @@ export class Surface {
     gl.viewport(0, 0, width, height);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     gl.uniformMatrix4fv(at.seen, false, seen);
-    gl.uniform2i(at.grid, this.some.columns, this.some.rows);
     gl.uniform3fv(at.eye, eye);
     gl.uniform1f(at.least, this.inside ? 0 : 0.087);
     gl.uniform4f(at.ink, 0, 0, 0, 0);
-    [[this.rays, 3], [this.far, 1]].forEach(([buffer, count], i) => {
+    [[this.rays, 3], [this.far, 1], [this.places, 2]].forEach(([buffer, count], i) => {
       gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
       gl.vertexAttribPointer(i, count, gl.FLOAT, false, 0, 0);
       gl.enableVertexAttribArray(i);
     });
-    gl.drawElements(gl.TRIANGLES, this.counts[this.inside ? 1 : 0], gl.UNSIGNED_INT, 0);
+    gl.drawElements(gl.TRIANGLES, this.count, gl.UNSIGNED_INT, 0);
     gl.bindBuffer(gl.ARRAY_BUFFER, this.box_lines);
     gl.vertexAttribPointer(0, 3, gl.FLOAT, false, 0, 0);
     gl.disableVertexAttribArray(1);
+    gl.disableVertexAttribArray(2);
     gl.vertexAttrib1f(1, 1);
     gl.uniform4f(at.ink, 0.5, 0.5, 0.5, 1);
     if (!this.inside) gl.drawArrays(gl.LINES, 0, EDGES.length);
