@@ -11,7 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from endolab.reconstruction.report import advice, describe, warnings, what_changed
+from endolab.reconstruction.report import (
+    SOLVER_NAMES,
+    advice,
+    describe,
+    warnings,
+    what_changed,
+)
 from endolab.workbench.tuning.engine import Answer, Engine
 from endolab.workbench.tuning.maps import map_of, rgba, still_of
 from endolab.workbench.tuning.source import Knobs, Subject
@@ -19,7 +25,12 @@ from endolab.workbench.tuning.source import Knobs, Subject
 MESSAGES = json.loads(Path(__file__).with_name("messages.json").read_text(encoding="utf-8"))
 # The widget's methods, and the names of what they are given.
 ACTIONS = {row["name"]: (row["method"], row["given"]) for row in MESSAGES["asks"]}
+NOMINAL = (
+    "No calibration: camera, k and γ are nominal, and only the shape is told. γ moves the far end most: "
+    "turn it, and see."
+)
 ELSEWHERE = 10.0  # %; two surfaces that differ by more are not the same
+SLOW = 3.0  # s, after which somebody asks where the other dots of the curve are
 LEAST_ELSEWHERE = 1.0  # % of the pixels, of which it is said
 
 
@@ -42,6 +53,7 @@ def message_of(
     message = {
         "label": f"{name}, {worth}",
         "badge": "" if answer.is_anew else "held",
+        "nominal": NOMINAL if "camera" in answer.result.report.nominal else "",
         "state": answer.state,
         "found": engine.number_of(answer),
         "line": line,
@@ -90,8 +102,11 @@ def curve_of(answer: Answer, engine: Engine) -> dict[str, Any]:
         return {"title": f"{answer.settings.solver.replace('_', ' ')} has no λ"}
     tried = engine.curve_of(answer)
     errors = [one.errors for one in tried]
+    slow = ""
+    if len(tried) == 1 and tried[0].result.seconds > SLOW:
+        slow = f"{SOLVER_NAMES[answer.settings.solver]} takes {tried[0].result.seconds:.0f} s for each λ"
     curve = {
-        "title": "",
+        "title": slow,
         "lams": [one.settings.lam for one in tried],
         "explained": [one.explained for one in tried],
         "errors": [None if one is None else one[0] for one in errors],
@@ -128,7 +143,7 @@ def chips_of(
         share = f"{moved:.2g} %"
         text = f"{share} of the pixels moved by more than {ELSEWHERE:g} % as all was asked anew."
         chip = f"not unique: {share} of pixels"
-        chips.append({"chip": chip, "text": text, "panel": "spread over λ"})
+        chips.append({"chip": chip, "text": text, "panel": "B / A - 1"})
     return chips
 
 

@@ -26,14 +26,14 @@ export function add_help(root) {
 /**
  * Adds buttons, what plays the solver's way, and a wipe; returns what stops it all.
  * @type {(store: Store, to: Element, page: {el: Element, help: Element, advanced: Element,
- *   panels: Panels, say: Function, resize: () => void}) => () => void}
+ *   panels: Panels, resize: () => void}) => () => void}
  */
-export function add_actions(store, to, { el, help, advanced, panels, say, resize }) {
-  const { facts, now } = store, toggle = (part) => { part.hidden = !part.hidden; };
+export function add_actions(store, to, { el, help, advanced, panels, resize }) {
+  const { facts } = store, toggle = (part) => { part.hidden = !part.hidden; };
   const button = (textContent, title, onclick, where = live) =>
     add("button", "", where, { textContent, title, onclick });
   const ask_anew = () => {
-    say("asking anew ...");
+    store.tell("line", "asking anew ...");
     store.turn({}, true);
   };
   const live = add("span", "endolab-live", to, { hidden: facts.alone });
@@ -50,15 +50,13 @@ export function add_actions(store, to, { el, help, advanced, panels, say, resize
   };
   const keep = button("keep as A", "Keep what is shown, to compare it with what comes; A.",
     () => store.keep(), to);
-  button("find σ", "How far each distance can be trusted; the panel σ shows it.", () => {
-    say("finding σ ...");
-    store.send("sigma", now.state);
-  });
+  button("find σ", "How far each distance can be trusted; the panel σ shows it.",
+    () => store.find_sigma());
   const folder = add("input", "endolab-folder", live, { value: "tuned" });
   folder.ariaLabel = "folder to export into";
   const all = "board, result, settings, recording, code";
   button("export", `Write what is shown into that folder: ${all}.`, () => {
-    say(`exporting into ${folder.value} ...`);
+    store.tell("line", `exporting into ${folder.value} ...`);
     store.send("export", folder.value, panels.board());
   });
   const cover = button("leave out", "Then drag a rectangle on a map: what it covers is no wall, " +
@@ -70,15 +68,16 @@ export function add_actions(store, to, { el, help, advanced, panels, say, resize
   });
   button("?", "Keys.", () => toggle(help), to);
   // What comes and goes stands behind what stays.
-  const wipe = add("input", "endolab-wipe", to, { type: "range", min: 0, max: 1, step: 0.01,
-    hidden: true, ariaLabel: "wipe", title: "Left of this the maps show A, right of it B." });
+  const wiped = add("label", "endolab-wipe", to, { hidden: true, textContent: "A | B" });
+  const wipe = add("input", "", wiped, { type: "range", min: 0, max: 1, step: 0.01,
+    ariaLabel: "wipe", title: "Left of this the maps show A, right of it B; drag it there, too." });
   wipe.oninput = () => {
     store.wipe = Number(wipe.value);
     store.tell("draw");
   };
   store.on("compare", () => {
-    wipe.hidden = !store.kept;
-    wipe.value = 0.5;
+    wiped.hidden = !store.kept;
+    wipe.value = store.wipe;
     keep.textContent = store.kept ? "drop A" : "keep as A";
   });
   const stop_film = add_film(store, to);

@@ -1,6 +1,7 @@
 // One cursor reads all maps, the section and 3D; a press lays the section, or takes a λ.
 import { short } from "./scales.js";
-import { lay_section, leave_out, see, seen, shift, spot, widen } from "./sight.js";
+import { is_wiped, lay_section, leave_out, line_of } from "./sight.js";
+import { see, seen, shift, spot, widen } from "./sight.js";
 
 function hover(store, panel, event) {
   const { offsetX, offsetY, buttons, shiftKey, movementX, movementY } = event;
@@ -10,8 +11,14 @@ function hover(store, panel, event) {
     const [x, y, w, h] = seen(store), [left, top, scale] = spot(store, panel);
     const [u, v] = [x + (offsetX - left) / scale, y + (offsetY - top) / scale];
     const is_in = u >= x && u < x + w && v >= y && v < y + h;
+    if (store.wipes) {
+      store.wipe = Math.max(0, Math.min(1, (u - x) / w));
+      store.tell("compare");
+      store.tell("draw");
+    }
     store.cursor = is_in ? [Math.floor(u), Math.floor(v)] : undefined;
-    if (buttons && !shiftKey && store.cursor && !store.corner) lay_section(store);
+    const lays = buttons && !shiftKey && !store.corner && !store.wipes;
+    if (lays && store.cursor) lay_section(store);
     if (buttons && shiftKey) shift(store, movementX / scale, movementY / scale);
     if (store.corner) store.tell("draw");
   }
@@ -23,6 +30,10 @@ function press(store, panel, event) {
   if (event.shiftKey) return;
   if (panel.map && store.cursor) {
     panel.canvas.setPointerCapture(event.pointerId);
+    const [left, , scale] = spot(store, panel), [, , w] = seen(store);
+    store.wipes = is_wiped(store, name) &&
+      Math.abs(left + store.wipe * scale * w - event.offsetX) < 8;
+    if (store.wipes) return;
     if (store.covers) store.corner = store.cursor;
     else lay_section(store);
     return;
@@ -43,7 +54,10 @@ export function follow_cursor(store, panel) {
   canvas.onpointermove = (event) => hover(store, panel, event);
   canvas.onpointerleave = () => { store.cursor = undefined; store.tell("point"); };
   canvas.onpointerdown = (event) => press(store, panel, event);
-  canvas.onpointerup = () => { if (store.corner) leave_out(store); };
+  canvas.onpointerup = () => {
+    store.wipes = false;
+    if (store.corner) leave_out(store);
+  };
   canvas.ondblclick = () => see(store);
   canvas.addEventListener("wheel", (event) => {
     if (!panel.map || !store.cursor) return;
@@ -71,7 +85,8 @@ export function show_cursor(store, panels, solid) {
       panel.said.textContent = `${j}, ${i}${told}`;
       put(panel, left + scale * (j + 0.5 - x), top + scale * (i + 0.5 - y));
     }
-    if (cursor && name === "section" && axes && distance?.[p] > 0) {
+    const is_on = cursor?.[cut.is_row ? 1 : 0] === (now.still && line_of(store));
+    if (is_on && name === "section" && axes && distance?.[p] > 0) {
       const across = distance[p] * rays[3 * p + (cut.is_row ? 0 : 1)];
       put(panel, axes.to_x(distance[p] * rays[3 * p + 2]), axes.to_y(across));
     }

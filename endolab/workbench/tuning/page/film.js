@@ -14,7 +14,7 @@ export function add_film(store, to) {
   const toggle = (on = !playing) => {
     clearInterval(playing);
     playing = on ? setInterval(go_on, PAUSE) : 0;
-    play.textContent = on ? "⏸" : "▶";
+    play.textContent = on ? "||" : "▶";
   };
   // To the next iterate: from the last to the first, and at the last, the answer, no farther.
   const go_on = () => {

@@ -4,8 +4,8 @@ import { typed } from "./scales.js";
 
 const NUMBER = "input:not([type=range])";
 
-// Adds one knob; returns what shows a value in it. `turn` is called with another.
-function knob({ label, options, range, log, hint, first }, box, turn) {
+// Adds one knob; returns what shows a value in it. `turn` is called with another, `say` with words.
+function knob({ label, options, range, log, hint, first }, box, turn, say) {
   add("label", "", box, { textContent: label });
   if (options) {
     const select = add("select", "", box, { ariaLabel: label });
@@ -18,12 +18,16 @@ function knob({ label, options, range, log, hint, first }, box, turn) {
   const line = add("input", "", box, { ariaLabel: label, placeholder: hint ?? "" });
   // JupyterLab keeps Enter's own effect.
   line.onkeydown = ({ key }) => { if (key === "Enter") line.blur(); };
-  let present; // that is shown
+  let present, show; // the value that is shown, and what shows one
+  const refuse = () => {
+    say(`${label}: "${line.value}" is no number`, "endolab-wrong");
+    show(present);
+  };
   if (!range) {
-    const show = (value) => { present = value; line.value = value ?? ""; };
+    show = (value) => { present = value; line.value = value ?? ""; };
     line.onchange = () => {
       const value = typed(line.value);
-      if (value === undefined) show(present);
+      if (value === undefined) refuse();
       else turn(value);
     };
     return show;
@@ -36,7 +40,7 @@ function knob({ label, options, range, log, hint, first }, box, turn) {
     line.value = Number(value.toPrecision(log ? 2 : 6));
     give(Number(line.value));
   };
-  const show = (value) => {
+  show = (value) => {
     present = value ?? first;
     line.value = Number(present.toPrecision(6));
     slider.value = log ? Math.log10(Math.max(present, 10 ** min)) : present;
@@ -44,7 +48,7 @@ function knob({ label, options, range, log, hint, first }, box, turn) {
   line.onchange = () => {
     const value = typed(line.value);
     if (typeof value === "number") give(value);
-    else show(present);
+    else refuse();
   };
   return show;
 }
@@ -57,7 +61,8 @@ export function add_knobs(store, sight, advanced) {
   const shown = store.facts.specs.map((spec) => {
     const to = spec.hidden ? advanced : sight;
     const box = add("div", `endolab-knob endolab-${spec.name}`, to, { title: spec.tip });
-    const show = knob(spec, box, (value) => store.turn({ [spec.name]: value }));
+    const say = (...words) => store.tell("line", ...words);
+    const show = knob(spec, box, (value) => store.turn({ [spec.name]: value }), say);
     return { ...spec, box, show };
   });
   store.on("knobs", () => {

@@ -1,7 +1,7 @@
 // Maps: numbers in colours with a scale, or a picture; with lines of round distances.
 import { as_picture, coloured, draw_bar, GREEN, path, pen_of, RED } from "./drawing.js";
 import { ends_of, percentile, rounds, short } from "./scales.js";
-import { covered, line_of, seen, spot } from "./sight.js";
+import { covered, is_wiped, line_of, seen, spot } from "./sight.js";
 import { COMPARED } from "./store.js";
 
 /**
@@ -95,6 +95,24 @@ function draw_kept(store, name, pen, { low, high }, [left, top, scale]) {
   pen.fillText("A   B", end, top + 2);
 }
 
+// Rectangles [left, top, width, height] that are left out.
+function hatch(pen, rectangles) {
+  pen.save();
+  pen.beginPath();
+  for (const one of rectangles) pen.rect(...one);
+  pen.clip();
+  Object.assign(pen, { strokeStyle: "#fffc", lineWidth: 1 });
+  pen.beginPath();
+  for (const [left, top, wide, tall] of rectangles) {
+    for (let x = left - tall; x < left + wide; x += 8) {
+      pen.moveTo(x, top + tall);
+      pen.lineTo(x + tall, top);
+    }
+  }
+  pen.stroke();
+  pen.restore();
+}
+
 function draw_keys(pen, keys) {
   keys.forEach(([text, colour], i) => {
     Object.assign(pen, { fillStyle: "#000a", textBaseline: "top", textAlign: "left" });
@@ -108,16 +126,14 @@ function draw_keys(pen, keys) {
 
 /** Draws a map into its panel. */
 export function draw_map(store, panel, { ink }) {
-  const { now, kept, wipe, cut, corner, cursor } = store, { width, height } = now.still;
+  const { now, cut, corner, cursor } = store, { width, height } = now.still;
   const { name } = panel, [pen, wide, tall] = pen_of(panel), map = panel.map = map_of(store, name);
   panel.title.textContent = map.title ?? map.empty ?? "";
   if (map.empty) return;
   const [left, top, scale] = spot(store, panel), [x, y, w, h] = seen(store);
   const at = (u, v) => [left + scale * (u - x), top + scale * (v - y)];
   pen.drawImage(canvas_of(map, now.still), x, y, w, h, left, top, scale * w, scale * h);
-  if (kept && wipe < 1 && ["distance", "model - frame", "error"].includes(name)) {
-    draw_kept(store, name, pen, map, [left, top, scale]);
-  }
+  if (is_wiped(store, name)) draw_kept(store, name, pen, map, [left, top, scale]);
   pen.save();
   pen.beginPath();
   pen.rect(left, top, scale * w, scale * h);
@@ -133,6 +149,8 @@ export function draw_map(store, panel, { ink }) {
     }
     pen.stroke();
   }
+  if (name === "frame") hatch(pen, (now.asked?.left_out ?? []).map(([l, t, r, b]) =>
+    [...at(l * width, t * height), scale * (r - l) * width, scale * (b - t) * height]));
   if (["frame", "distance"].includes(name)) {
     const across = [line_of(store) + 0.5, line_of(store) + 0.5];
     Object.assign(pen, { strokeStyle: RED, lineWidth: 1.5 });

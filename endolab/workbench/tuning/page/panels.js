@@ -9,6 +9,11 @@ import { COMPARED, USUAL } from "./store.js";
 
 const CHARTS = { section: draw_section, "λ curve": draw_curve, energy: draw_energy };
 
+// What fills an empty panel.
+const FIND = ["find σ", (store) => store.find_sigma()];
+const FILLS = { σ: FIND, "what determined each pixel": FIND,
+  [COMPARED]: ["keep as A", (store) => store.keep()] };
+
 export class Panels {
   /** @type {(store: Store, root: Element) => void} */
   constructor(store, root) {
@@ -35,7 +40,9 @@ export class Panels {
     const canvas = add("canvas", "", body);
     const said = add("div", "endolab-said", body, { hidden: true });
     const mark = add("div", "endolab-mark", body, { hidden: true });
-    const parts = { choose, title, body, canvas, said, mark };
+    const onclick = () => FILLS[panel.name][1](store);
+    const fill = add("button", "endolab-fill", body, { hidden: true, onclick });
+    const parts = { choose, title, body, canvas, said, mark, fill };
     const panel = { ...parts, get name() { return store.panels[place]; } };
     follow_cursor(store, panel);
     return panel;
@@ -43,7 +50,7 @@ export class Panels {
 
   change(panel) {
     panel.choose.value = panel.name;
-    panel.said.hidden = panel.mark.hidden = true;
+    panel.said.hidden = panel.mark.hidden = panel.fill.hidden = true;
     this.solid.view.remove();
   }
 
@@ -58,6 +65,9 @@ export class Panels {
       if (!now.arrays.distance && name !== "frame") continue;
       if (name === "3D") this.solid.draw(panel);
       else (CHARTS[name] ?? draw_map)(store, panel, this.colours);
+      const is_empty = panel.map?.empty && name in FILLS;
+      panel.fill.hidden = !is_empty || now.moving || store.facts.alone;
+      panel.fill.textContent = FILLS[name]?.[0];
     }
     store.tell("point");
   }

@@ -38,6 +38,10 @@ export function widen(store, times) {
   if (ends[2] - ends[0] > 0.02) see(store, ends);
 }
 
+/** Whether a map shows A up to the wipe. */
+export const is_wiped = ({ kept }, name) =>
+  kept && ["distance", "model - frame", "error"].includes(name);
+
 /** The column or row of the section. */
 export function line_of({ cut, now }) {
   const count = now.still[cut.is_row ? "height" : "width"];

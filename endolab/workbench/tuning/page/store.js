@@ -22,7 +22,7 @@ export class Store {
     this.now = { arrays: {}, maps: {}, knobs: {}, held: {} }; // all that was said
     this.panels = [...USUAL];
     this.dress = "frame"; // on the surface
-    this.kept = undefined; // A
+    this.kept = this.before = undefined; // A; the answer before all was asked anew
     this.wipe = 1; // share of the width that shows A
     this.zoom = WHOLE; // left, top, right, bottom: shares of what of the frame is looked at
     this.cut = { is_row: false, share: 0.5 }; // of the section
@@ -38,17 +38,14 @@ export class Store {
     for (const name in facts.palettes) this.palettes[name] = Uint32Array.from(facts.palettes[name]);
   }
 
-  /** Listens to "knobs", "leave", "said", "maps", "draw", "point", "compare", "cover", "panels". */
+  /** Listens to knobs, leave, said, line, maps, draw, point, compare, cover, panels. */
   on(event, action) { (this.listeners[event] ??= []).push(action); }
 
   tell(event, ...given) { for (const action of this.listeners[event] ?? []) action(...given); }
 
   // Knobs
 
-  /**
-   * Why a knob has nothing to turn, if so.
-   * @param {"energy" | "mm" | "gain"} needs
-   */
+  /** Why a knob has nothing to turn, if so. @param {"energy" | "mm" | "gain"} needs */
   lacks(needs) {
     const { knobs, still } = this.now;
     if (needs === "energy" && !this.facts.with_energy.includes(knobs.solver)) {
@@ -109,6 +106,7 @@ export class Store {
       return;
     }
     if (message.state > now.state) this.tell("leave");
+    if (message.anew) this.before = { label: now.label, arrays: now.arrays };
     const had = message.maps ? Object.keys(now.maps) : [];
     this.take(message, buffers);
     Object.assign(now, message);
@@ -153,11 +151,10 @@ export class Store {
     else this.visited.push(this.here = { asked, found });
   }
 
-  /** Keeps what is shown as A, or drops it. */
-  keep() {
-    const { now, kept } = this;
-    const before = kept?.third; // what stood where A is compared now
-    this.kept = kept ? undefined : { label: now.label, arrays: now.arrays, third: this.panels[2] };
+  /** Keeps an answer as A, or drops A. */
+  keep({ label, arrays } = this.now) {
+    const before = this.kept?.third; // what stood where A is compared now
+    this.kept = this.kept ? undefined : { label, arrays, third: this.panels[2] };
     this.wipe = this.kept ? 0.5 : 1;
     this.tell("compare");
     if (this.kept && !this.panels.includes(COMPARED)) this.show_in(2, COMPARED);
@@ -167,20 +164,32 @@ export class Store {
 
   // Panels
 
-  /** Whether a drag leaves a rectangle out from now on. @param {boolean} does */
   cover(does) {
     this.covers = does;
     this.tell("cover");
   }
 
-  /** Shows something in a panel. @type {(place: number, name: string) => void} */
+  /** Takes as A what was shown before all was asked anew. */
+  compare_with_before() {
+    if (this.kept) this.show_in(2, COMPARED);
+    else this.keep(this.before);
+  }
+
+  find_sigma() {
+    this.tell("line", "finding σ ...");
+    this.send("sigma", this.now.state);
+  }
+
+  /** Shows something in a panel; 3D, which is there once, moves. */
   show_in(place, name) {
+    const other = name === "3D" ? this.panels.indexOf(name) : -1;
+    if (other >= 0) this.panels[other] = this.panels[place];
     this.panels[place] = name;
+    if (other >= 0) this.tell("panels", other);
     this.tell("panels", place);
     this.choose_maps();
   }
 
-  /** Asks for the maps that are shown. */
   choose_maps() {
     this.send("panels", [this.dress, ...this.panels]);
     this.tell("draw");

@@ -20,7 +20,8 @@ export function render({ model, el }) {
   const [sight, advanced, actions, status] = rows, help = add_help(root);
   advanced.hidden = true;
   add_knobs(store, sight, advanced);
-  const say = add_status(store, status), panels = new Panels(store, root);
+  add_status(store, status);
+  const panels = new Panels(store, root);
   const resize = () => {
     const page = el.closest(".jp-WindowedPanel-outer, .jp-Notebook");
     const theme = document.body.dataset.jpThemeLight;
@@ -30,7 +31,7 @@ export function render({ model, el }) {
     const room = Math.min(all - (tops[0] - tops[1]), 0.62 * root.clientWidth);
     panels.resize(Math.max(300, room));
   };
-  const stop = add_actions(store, actions, { el, help, advanced, panels, say, resize });
+  const stop = add_actions(store, actions, { el, help, advanced, panels, resize });
   store.on("maps", () => requestAnimationFrame(() => setTimeout(() => {
     send("painted");
     root.dispatchEvent(new CustomEvent("painted", { detail: now }));

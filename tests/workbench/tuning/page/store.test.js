@@ -142,6 +142,18 @@ test("colours are held while the hand moves, and B is compared with A", () => {
   assert.equal(store.panels[2], "model - frame");
 });
 
+test("3D is there once, and moves", () => {
+  store.show_in(0, "3D");
+  assert.deepEqual(store.panels.slice(0, 5), ["3D", "distance", "model - frame", "section", "frame"]);
+});
+
+test("where an answer is not unique is what asking anew has changed", () => {
+  python.state = 1;
+  answer({ anew: true }, 40);
+  store.compare_with_before();
+  assert.deepEqual([store.kept.arrays.distance[0], store.panels[2]], [20, "B / A - 1"]);
+});
+
 test("one looks closer about the cursor, and a rectangle is left out in shares", () => {
   store.cursor = [3, 0];
   widen(store, 0.5);
