@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Set
+from collections.abc import Iterable, Sequence, Set
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from endolab.reconstruction.contrast import suggest_lam
 from endolab.reconstruction.report import (
     SOLVER_NAMES,
     advice,
@@ -96,16 +97,18 @@ def picture_said(
     return message, {"picture": picture}
 
 
-def curve_of(answer: Answer, engine: Engine) -> dict[str, Any]:
+def curve_of(
+    answer: Answer, engine: Engine, tried: Sequence[Answer] | None = None
+) -> dict[str, Any]:
     """What each λ explains that was tried with the solver, the light and the contours of an answer."""
     if not answer.uses_lam:
         return {"title": f"{answer.settings.solver.replace('_', ' ')} has no λ"}
-    tried = engine.curve_of(answer)
+    tried = engine.curve_of(answer) if tried is None else tried
     errors = [one.errors for one in tried]
     slow = ""
     if len(tried) == 1 and tried[0].result.seconds > SLOW:
         slow = f"{SOLVER_NAMES[answer.settings.solver]} takes {tried[0].result.seconds:.0f} s for each λ"
-    curve = {
+    curve: dict[str, Any] = {
         "title": slow,
         "lams": [one.settings.lam for one in tried],
         "explained": [one.explained for one in tried],
@@ -113,7 +116,7 @@ def curve_of(answer: Answer, engine: Engine) -> dict[str, Any]:
         "now": answer.settings.lam,
     }
     if len(tried) > 3:  # of fewer nothing follows
-        best, at_least = engine.best_lam(answer)
+        best, at_least = suggest_lam(curve["lams"], curve["explained"])
         title = "no λ tried explains 99 %: wet or stained walls, or another light"
         if best is not None:
             title = f"99 % explained up to {'≥ ' if at_least else ''}{best:.2g}"

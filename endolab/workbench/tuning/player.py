@@ -20,10 +20,12 @@ import numpy as np
 from endolab.solvers.problem import REGULARISERS
 from endolab.workbench.tuning.engine import Answer, Engine
 from endolab.workbench.tuning.maps import PANELS, as_texts
-from endolab.workbench.tuning.messages import message_of, still_said
+from endolab.workbench.tuning.messages import curve_of, message_of, still_said
 from endolab.workbench.tuning.script import page_script
 
-PLAYED_LAMS = 10 ** np.linspace(-2, 2, 21)
+PLAYED_LAMS = [
+    float(f"{lam:.2g}") for lam in 10 ** np.linspace(-2, 2, 21)
+]  # as the slider has them
 
 PAGE = """<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8"><title>{title}</title><link rel="icon" href="data:,">
@@ -62,22 +64,30 @@ def page_of(answer: Answer, engine: Engine, facts: dict[str, Any]) -> str:
     """Return the page: λ × regulariser, with the light and the contours of an answer."""
     if answer.settings.solver != "gauss_newton":
         raise ValueError("only Gauss-Newton's answers are played over λ")
-    lams = [float(f"{lam:.3g}") for lam in PLAYED_LAMS]
     orders: Any = REGULARISERS
     wishes = [
         replace(answer.settings, lam=lam, regulariser=order)
         for order in orders
-        for lam in lams
+        for lam in PLAYED_LAMS
     ]
     answers = [engine.solve(wish, answer.still) for wish in wishes]
+    messages = [message_of(one, PANELS[:2], engine)[0] for one in answers]
+    best = curve_of(answer, engine)  # as the tuner suggests it
+    own = answer.result.problem.regulariser
+    for message, one in zip(messages, answers, strict=True):
+        order = one.settings.regulariser
+        alike = [other for other in answers if other.settings.regulariser == order]
+        message["curve"] = curve_of(one, engine, alike)
+        if order == own:
+            message["curve"] |= {name: best.get(name) for name in ("title", "best")}
     words, arrays = still_said(answer)
     specs = [spec for spec in facts["specs"] if spec["name"] in ("lam", "regulariser")]
     specs[1] = specs[1] | {"options": [*REGULARISERS]}
-    knobs = {"lam": answer.settings.lam, "regulariser": "second"}
+    knobs = {"lam": answer.settings.lam, "regulariser": own}
     content = {
         "facts": facts | {"specs": specs, "panels": [*PANELS[:2]], "alone": True},
         "first": words | {"knobs": knobs, "anew": True},
-        "messages": [message_of(one, PANELS[:2], engine)[0] for one in answers],
+        "messages": messages,
         "still": as_texts(arrays),
     }
     style = Path(__file__).with_name("tuner.css").read_text(encoding="utf-8")

@@ -82,19 +82,21 @@ export class Panels {
     this.draw();
   }
 
-  /** All of them as one picture, as they are seen: a data link, PNG. */
+  /** All of them as one picture, as they are seen, under the line: a data link, PNG. */
   board() {
     const ratio = window.devicePixelRatio || 1, outer = this.stage.getBoundingClientRect();
-    const canvas = document.createElement("canvas"), pen = canvas.getContext("2d");
-    const sides = [outer.width, outer.height].map((side) => Math.ceil(ratio * side));
-    const { surface, size } = this.solid;
+    const canvas = document.createElement("canvas"), pen = canvas.getContext("2d"), above = 22;
+    const sides = [outer.width, outer.height + above].map((side) => Math.ceil(ratio * side));
+    const { surface, size } = this.solid, { now } = this.store;
     [canvas.width, canvas.height] = sides;
     pen.scale(ratio, ratio);
     pen.fillStyle = getComputedStyle(this.stage.parentNode).backgroundColor;
-    pen.fillRect(0, 0, outer.width, outer.height);
-    if (this.store.now.arrays.distance) surface.draw();
+    pen.fillRect(0, 0, outer.width, outer.height + above);
+    if (now.arrays.distance) surface.draw();
     Object.assign(pen, { font: "12px system-ui, sans-serif", textBaseline: "bottom" });
     pen.fillStyle = this.colours.ink;
+    pen.fillText([this.store.headline, now.badge].filter(Boolean).join(" · "), 4, above - 3);
+    pen.translate(0, above);
     for (const { name, title, body, canvas: drawn } of this.cells) {
       const { left, top, width, height } = body.getBoundingClientRect();
       const x = left - outer.left, y = top - outer.top, is_3d = name === "3D";

@@ -20,10 +20,13 @@ async function unpack(packed, count, size) {
 export async function play({ facts, first, messages, still, packed, low, step, end }, el) {
   const size = first.still.width * first.still.height, all = messages.length * size;
   const planes = await unpack(packed, messages.length, size), listeners = new Set();
+  let shown; // the answer on the screen
   const show = ({ lam, regulariser }, more = {}, before = []) => {
     const away = ({ asked }) =>
       Math.abs(Math.log(asked.lam / lam)) + (asked.regulariser === regulariser ? 0 : 99);
     const answer = messages.reduce((a, b) => (away(b) < away(a) ? b : a));
+    if (answer === shown) return;
+    shown = answer;
     const from = messages.indexOf(answer) * size;
     const distance = new Float32Array(size), residual = new Float32Array(size);
     for (let p = 0; p < size; p++) {

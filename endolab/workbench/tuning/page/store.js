@@ -70,7 +70,6 @@ export class Store {
     this.send("turn", this.now.knobs, ...how);
   }
 
-  /** Goes back to the answer before. */
   undo() {
     const { visited } = this;
     if (this.here === visited.at(-1) && visited.length > 1) visited.pop();
@@ -117,6 +116,7 @@ export class Store {
     }
     if (message.knobs || message.still) this.tell("knobs");
     if (message.asked && !message.moving) {
+      this.headline = message.line;
       this.scales[now.found] ??= now.held;
       this.visit(message);
     }

@@ -28,8 +28,10 @@ export function render({ model, el }) {
     root.classList.toggle("endolab-dark", theme ? theme === "false" : night.matches);
     const tops = [panels.stage, root].map((part) => part.getBoundingClientRect().top);
     const all = page ? page.clientHeight - 24 : window.innerHeight - 16;
-    const room = Math.min(all - (tops[0] - tops[1]), 0.62 * root.clientWidth);
-    panels.resize(Math.max(300, room));
+    const wide = root.clientWidth, room = Math.min(all - (tops[0] - tops[1]), 0.62 * wide);
+    const is_narrow = wide < 700; // two columns, to be scrolled
+    root.classList.toggle("endolab-narrow", is_narrow);
+    panels.resize(is_narrow ? 1.4 * wide : Math.max(300, room));
   };
   const stop = add_actions(store, actions, { el, help, advanced, panels, resize });
   store.on("maps", () => requestAnimationFrame(() => setTimeout(() => {
