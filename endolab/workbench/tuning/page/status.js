@@ -5,7 +5,7 @@ import { COMPARED } from "./store.js";
 /** Adds it. @type {(store: Store, to: Element) => void} */
 export function add_status(store, to) {
   const badge = add("span", "endolab-badge", to);
-  const nominal = add("span", "endolab-badge", to, { hidden: true });
+  const nominal = add("span", "endolab-nominal", to, { hidden: true });
   const line = add("span", "endolab-line", to);
   nominal.textContent = "nominal camera: shape only";
   const chips = add("span", "endolab-chips", to);
