@@ -12,6 +12,7 @@ export class Solid {
   /** @param {Store} store */
   constructor(store) {
     this.store = store;
+    this.laid = []; // the cuts and the step of B and A
     this.view = document.createElement("div");
     this.view.className = "endolab-3d";
     const from = add("button", "", this.view, { title: "V", onclick: () => this.turn_around() });
@@ -20,7 +21,7 @@ export class Solid {
     for (const one of LAID.slice(0, store.facts.alone ? 4 : 7)) dress.add(new Option(one));
     dress.onchange = () => {
       store.dress = dress.value;
-      this.laid = undefined; // the cuts and the step of what is on the screen
+      this.laid = [];
       store.choose_maps();
     };
     this.surface = new Surface(this.view, () => {
@@ -36,7 +37,7 @@ export class Solid {
 
   /** While pictures come, it has fewer points, so that it follows the hand on software, too. */
   draw(panel) {
-    const { store, surface, view } = this, { now } = store, { distance, rays, cuts } = now.arrays;
+    const { store, surface, view } = this, { now, kept } = store;
     if (view.parentNode !== panel.body) {
       pen_of(panel);
       panel.body.append(view);
@@ -47,21 +48,27 @@ export class Solid {
       this.rest = setTimeout(() => { if (panel.name === "3D") this.draw(panel); }, RESTS);
     }
     if (!surface.gl) return;
-    const { width, height } = now.still;
-    const step = Math.ceil(Math.max(width, height) / (moves ? 80 : 320));
-    if (this.laid?.cuts !== cuts || this.laid.step !== step) {
-      surface.lay({ rays, cuts, width, height }, step);
-    }
-    if (this.laid?.cuts !== cuts || store.dress !== "frame") {
-      const map = map_of(store, store.dress);
-      surface.dress(canvas_of(map.empty ? map_of(store, "frame") : map, now.still));
-    }
-    this.laid = { cuts, step };
-    const box = now.held.box ??= box_of(distance, rays);
-    surface.show(distance, box);
-    surface.draw(moves ? 0.5 : 1);
-    panel.title.textContent = "drag to turn, shift to move, wheel to zoom once clicked";
+    const box = now.held.box ??= box_of(now.arrays.distance, now.arrays.rays);
+    const step = Math.ceil(Math.max(now.still.width, now.still.height) / (moves ? 80 : 320));
+    this.lay(now.arrays, step, box, 0);
+    if (kept) this.lay(kept.arrays, step, box, 1);
+    surface.draw(moves ? 0.5 : 1, kept ? store.wipe : 0);
+    const how = kept ? "A left of the wipe, B right" : "drag to turn, shift to move";
+    panel.title.textContent = `${how}, wheel to zoom once clicked`;
     this.size.textContent = said_of(box, now.still.unit);
+  }
+
+  // One of the two, B or A.
+  lay({ distance, cuts, ...arrays }, step, box, which) {
+    const { store, surface } = this, { still } = store.now, { rays } = store.now.arrays;
+    const { cuts: laid, step: was } = this.laid[which] ?? {};
+    if (laid !== cuts || was !== step) surface.lay({ ...still, rays, cuts }, step, which);
+    if (laid !== cuts || store.dress !== "frame") {
+      const map = map_of(store, store.dress, { distance, ...arrays });
+      surface.dress(canvas_of(map.empty ? map_of(store, "frame") : map, still), which);
+    }
+    this.laid[which] = { cuts, step };
+    surface.show(distance, box, which);
   }
 
   /** Marks a pixel, or none. @param {number} [p] */

@@ -2,28 +2,8 @@
 import { add } from "./drawing.js";
 import { lay_grid } from "./grid.js";
 import { box_between, CAMERA, dot, EDGES, OUTSIDE, view_of } from "./projection.js";
+import { FRAGMENT, VERTEX } from "./shaders.js";
 
-const VERTEX = `#version 300 es
-uniform mat4 seen; in vec3 ray; in float far; in vec2 lies; out vec3 place; out vec2 at;
-void main() {
-  place = far * ray;
-  at = lies;
-  gl_Position = seen * vec4(place, 1.0);
-}`;
-// Relief by a lamp that the viewer holds. From outside, what the endoscope sees at more than 85° is
-// left open: it joins the two sides of a fold.
-const FRAGMENT = `#version 300 es
-precision highp float;
-uniform sampler2D picture; uniform vec3 eye; uniform vec4 ink; uniform float least;
-in vec3 place; in vec2 at; out vec4 colour;
-void main() {
-  colour = ink;
-  if (ink.a > 0.0) return;
-  vec3 normal = normalize(cross(dFdx(place), dFdy(place)));
-  if (abs(dot(normal, normalize(place))) < least) discard;
-  float lit = 0.45 + 0.55 * abs(dot(normal, normalize(eye - place)));
-  colour = vec4(pow(texture(picture, at).rgb, vec3(0.7)) * lit, 1.0);
-}`;
 const ARROWS = { ArrowLeft: [0, -5], ArrowRight: [0, 5], ArrowUp: [1, -5], ArrowDown: [1, 5] };
 
 export class Surface {
@@ -31,6 +11,7 @@ export class Surface {
   constructor(host, on_turn) {
     this.pose = [...OUTSIDE];
     this.inside = false;
+    this.wipe = 0;
     this.canvas = add("canvas", "", host, { tabIndex: 0 });
     this.canvas.dataset.lmSuppressShortcuts = "true"; // arrows turn, they do not go to another cell
     this.gl = this.canvas.getContext("webgl2", { antialias: false });
@@ -59,13 +40,20 @@ export class Surface {
     gl.enable(gl.CULL_FACE); // nothing is seen from behind, so that a tube lies open
     const names = ["seen", "eye", "ink", "least"];
     this.at = Object.fromEntries(names.map((name) => [name, gl.getUniformLocation(program, name)]));
-    const buffers = ["rays", "far", "places", "corners", "box_lines"];
-    for (const name of buffers) this[name] = gl.createBuffer();
-    gl.bindTexture(gl.TEXTURE_2D, gl.createTexture());
+    gl.enable(gl.SCISSOR_TEST);
+    this.box_lines = gl.createBuffer();
+    this.layers = [0, 1].map(() => this.add_layer());
+  }
+
+  add_layer() {
+    const { gl } = this, layer = { texture: gl.createTexture(), count: 0 };
+    for (const name of ["rays", "far", "places", "corners"]) layer[name] = gl.createBuffer();
+    gl.bindTexture(gl.TEXTURE_2D, layer.texture);
     for (const side of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) {
       gl.texParameteri(gl.TEXTURE_2D, side, gl.CLAMP_TO_EDGE);
     }
     gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.LINEAR);
+    return layer;
   }
 
   // The hand
@@ -111,37 +99,39 @@ export class Surface {
   }
 
   /**
-   * Lays a grid over every few pixels, torn where the surface is cut.
+   * Lays a grid over every few pixels, torn where the surface is cut; of layer 0, or of A, 1.
    * @type {(frame: {rays: Float32Array, cuts: Uint8Array, width: number, height: number},
-   *   step: number) => void}
+   *   step: number, which?: 0 | 1) => void}
    */
-  lay(frame, step) {
+  lay(frame, step, which = 0) {
     const { gl } = this, { pixels, rays, at, corners } = lay_grid(frame, step);
-    this.pixels = pixels;
-    this.count = corners.length;
-    this.fill(gl.ARRAY_BUFFER, this.rays, rays, gl.STATIC_DRAW);
-    this.fill(gl.ARRAY_BUFFER, this.places, at, gl.STATIC_DRAW);
-    this.fill(gl.ELEMENT_ARRAY_BUFFER, this.corners, corners, gl.STATIC_DRAW);
+    const layer = Object.assign(this.layers[which], { pixels, count: corners.length });
+    this.fill(gl.ARRAY_BUFFER, layer.rays, rays, gl.STATIC_DRAW);
+    this.fill(gl.ARRAY_BUFFER, layer.places, at, gl.STATIC_DRAW);
+    this.fill(gl.ELEMENT_ARRAY_BUFFER, layer.corners, corners, gl.STATIC_DRAW);
   }
 
   /** Lays a picture on it. */
-  dress(canvas) {
+  dress(canvas, which = 0) {
     const { gl } = this;
+    gl.bindTexture(gl.TEXTURE_2D, this.layers[which].texture);
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA, gl.RGBA, gl.UNSIGNED_BYTE, canvas);
   }
 
   /** Takes distances, and the box [low, high] that holds them. */
-  show(map, box) {
-    const { gl } = this;
+  show(map, box, which = 0) {
+    const { gl } = this, { pixels, far } = this.layers[which];
     this.box = box_between(box);
-    this.fill(gl.ARRAY_BUFFER, this.far, Float32Array.from(this.pixels, (pixel) => map[pixel]));
+    this.fill(gl.ARRAY_BUFFER, far, Float32Array.from(pixels, (pixel) => map[pixel]));
     const lines = new Float32Array(EDGES.flatMap((i) => this.box.corners[i]));
     this.fill(gl.ARRAY_BUFFER, this.box_lines, lines);
   }
 
   view(wide) { return view_of(this.box, this.pose, this.inside, wide); }
 
-  draw(fineness = 1) {
+  /** Draws it, and A up to a share of the width, the last one where none is given. */
+  draw(fineness = 1, wipe = this.wipe) {
+    this.wipe = wipe;
     const { gl, canvas, at } = this;
     const ratio = fineness * Math.min(window.devicePixelRatio || 1, 2);
     const sides = [canvas.clientWidth, canvas.clientHeight];
@@ -151,17 +141,16 @@ export class Surface {
     if (canvas.height !== height) canvas.height = height;
     const { seen, eye } = this.view(width / height);
     gl.viewport(0, 0, width, height);
+    gl.scissor(0, 0, width, height);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     gl.uniformMatrix4fv(at.seen, false, seen);
     gl.uniform3fv(at.eye, eye);
     gl.uniform1f(at.least, this.inside ? 0 : 0.087);
     gl.uniform4f(at.ink, 0, 0, 0, 0);
-    [[this.rays, 3], [this.far, 1], [this.places, 2]].forEach(([buffer, count], i) => {
-      gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
-      gl.vertexAttribPointer(i, count, gl.FLOAT, false, 0, 0);
-      gl.enableVertexAttribArray(i);
-    });
-    gl.drawElements(gl.TRIANGLES, this.count, gl.UNSIGNED_INT, 0);
+    const edge = Math.round(wipe * width), [layer, other] = this.layers;
+    this.draw_layer(layer, edge, width - edge, height);
+    this.draw_layer(other, 0, edge, height);
+    gl.scissor(0, 0, width, height);
     gl.bindBuffer(gl.ARRAY_BUFFER, this.box_lines);
     gl.vertexAttribPointer(0, 3, gl.FLOAT, false, 0, 0);
     gl.disableVertexAttribArray(1);
@@ -169,6 +158,19 @@ export class Surface {
     gl.vertexAttrib1f(1, 1);
     gl.uniform4f(at.ink, 0.5, 0.5, 0.5, 1);
     if (!this.inside) gl.drawArrays(gl.LINES, 0, EDGES.length);
+  }
+
+  draw_layer({ texture, rays, far, places, corners, count }, left, width, height) {
+    const { gl } = this;
+    gl.scissor(left, 0, width, height);
+    gl.bindTexture(gl.TEXTURE_2D, texture);
+    [[rays, 3], [far, 1], [places, 2]].forEach(([buffer, size], i) => {
+      gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
+      gl.vertexAttribPointer(i, size, gl.FLOAT, false, 0, 0);
+      gl.enableVertexAttribArray(i);
+    });
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, corners);
+    if (width && count) gl.drawElements(gl.TRIANGLES, count, gl.UNSIGNED_INT, 0);
   }
 
   /** Where a point is in the panel, shares to the right and down. @param {number[]} point */
