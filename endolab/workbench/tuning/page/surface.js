@@ -121,8 +121,10 @@ export class Surface {
   /** Takes distances, and the box [low, high] that holds them. */
   show(map, box, which = 0) {
     const { gl } = this, { pixels, far } = this.layers[which];
+    const distances = new Float32Array(pixels.length);
+    for (let p = 0; p < pixels.length; p++) distances[p] = map[pixels[p]];
     this.box = box_between(box);
-    this.fill(gl.ARRAY_BUFFER, far, Float32Array.from(pixels, (pixel) => map[pixel]));
+    this.fill(gl.ARRAY_BUFFER, far, distances);
     const lines = new Float32Array(EDGES.flatMap((i) => this.box.corners[i]));
     this.fill(gl.ARRAY_BUFFER, this.box_lines, lines);
   }
