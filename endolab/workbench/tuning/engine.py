@@ -34,7 +34,6 @@ from endolab.reconstruction.contrast import (
     ENOUGH_CONTRAST,
     explained_share,
     noise_left,
-    suggest_lam,
 )
 from endolab.reconstruction.found import Found
 from endolab.reconstruction.lamps import Lamps, divide_by_lamps
@@ -321,12 +320,6 @@ class Engine:
     def is_stale(self) -> bool:
         """Whether a newer wish has come than the one that is being answered."""
         return self._news.is_set()
-
-    def best_lam(self, answer: Answer) -> tuple[float | None, bool]:
-        """Return the largest λ that explains enough, with this answer's solver, and whether more may do."""
-        curve = self.curve_of(answer)
-        lams = [one.settings.lam for one in curve]
-        return suggest_lam(lams, [one.explained for one in curve])
 
     def curve_of(self, answer: Answer) -> list[Answer]:
         """Return what was solved that differs from an answer by λ alone, by λ."""

@@ -59,7 +59,7 @@ def message_of(
         "found": engine.number_of(answer),
         "line": line,
         "tone": "",
-        "curve": curve_of(answer, engine),
+        "curve": curve_of(answer, several),
         "asked": vars(answer.settings),
         "moving": not answer.is_final,
         "maps": {name: words for name, (words, _) in maps.items()},
@@ -97,13 +97,10 @@ def picture_said(
     return message, {"picture": picture}
 
 
-def curve_of(
-    answer: Answer, engine: Engine, tried: Sequence[Answer] | None = None
-) -> dict[str, Any]:
-    """What each λ explains that was tried with the solver, the light and the contours of an answer."""
+def curve_of(answer: Answer, tried: Sequence[Answer]) -> dict[str, Any]:
+    """What each λ explains that was `tried` with the solver, the light and the contours of an answer."""
     if not answer.uses_lam:
         return {"title": f"{answer.settings.solver.replace('_', ' ')} has no λ"}
-    tried = engine.curve_of(answer) if tried is None else tried
     errors = [one.errors for one in tried]
     slow = ""
     if len(tried) == 1 and tried[0].result.seconds > SLOW:
@@ -125,14 +122,14 @@ def curve_of(
 
 
 def chips_of(
-    answer: Answer, engine: Engine, moved: float, turned: Set[str]
+    answer: Answer, best: float | None, moved: float, turned: Set[str]
 ) -> list[dict[str, Any]]:
     """What asks for a look: advice, warnings, and what share of the pixels `moved` by asking anew, %.
 
+    `best` is the largest λ that explains enough, if one does.
     What may be their cause begins with the knobs that were `turned`.
     """
     chips: list[dict[str, Any]] = []
-    best, _ = engine.best_lam(answer)
     advised = advice(answer.explained, answer.settings.lam, best)
     if advised:
         text = "A smaller λ follows the picture more closely; click to take it."

@@ -72,12 +72,12 @@ def page_of(answer: Answer, engine: Engine, facts: dict[str, Any]) -> str:
     ]
     answers = [engine.solve(wish, answer.still) for wish in wishes]
     messages = [message_of(one, PANELS[:2], engine)[0] for one in answers]
-    best = curve_of(answer, engine)  # as the tuner suggests it
+    best = curve_of(answer, engine.curve_of(answer))  # as the tuner suggests it
     own = answer.result.problem.regulariser
     for message, one in zip(messages, answers, strict=True):
         order = one.settings.regulariser
         alike = [other for other in answers if other.settings.regulariser == order]
-        message["curve"] = curve_of(one, engine, alike)
+        message["curve"] = curve_of(one, alike)
         if order == own:
             message["curve"] |= {name: best.get(name) for name in ("title", "best")}
     words, arrays = still_said(answer)

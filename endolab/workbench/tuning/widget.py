@@ -331,8 +331,8 @@ class TunerBox(anywidget.AnyWidget):
         answer = self.answer
         if answer is None or not answer.is_final:
             return
-        curve = curve_of(answer, self.engine)
-        chips = chips_of(answer, self.engine, self._change[1], self._turned)
+        curve = curve_of(answer, self.engine.curve_of(answer))
+        chips = chips_of(answer, curve.get("best"), self._change[1], self._turned)
         self.send({"curve": curve, "chips": chips, "state": answer.state})
 
     # What is written ---------------------------------------------------------------------

@@ -64,7 +64,7 @@ export function bench(host, { width, height, packed, knobs, nodes, brdf, sheet }
   const columns = Float32Array.from({ length: width }, (_, u) => u);
   const grid = "display: grid; grid-template-columns: repeat(4, 1fr); gap: 2px 16px";
   const bar = add("div", "", host, { style: grid });
-  const state = host.bench = { knobs, brdf, image: null, drawn: 0 };
+  const state = host.bench = { knobs, brdf, image: null, misread: null, drawn: 0 };
   let kept = null, asked = false;
   const ask = () => { if (!asked) asked = requestAnimationFrame(draw); };
   for (const one of KNOBS) add_knob(one, knobs, bar, ask);
@@ -83,7 +83,7 @@ export function bench(host, { width, height, packed, knobs, nodes, brdf, sheet }
   const small = Math.round(186 * height / width), tall = Math.round(340 * height / width);
   const factors = FACTORS.map(([title, scale]) => [add_panel(186, small, upper, title), scale]);
   const picture = add_panel(340, tall, lower);
-  const profile = add_panel(300, tall, lower, "I in the middle row");
+  const profile = add_panel(300, tall, lower);
   const curve = add_panel(300, tall, lower, "f_r(θ): drag its nodes");
   let places = null; // where the curve's axes lie
   function draw() {
@@ -104,7 +104,15 @@ export function bench(host, { width, height, packed, knobs, nodes, brdf, sheet }
     }
     picture.title.textContent = title;
     const u = { label: "column u [px]", low: 0, high: width };
-    draw_lines(profile, { x: u, y: { label: "stored value I", low: 0, high: 1.05 }, lines });
+    // Whoever takes the lamp to be at the lens misreads d, as light goes with 1/d²: %, at two dots.
+    const centred = row_of(shade(camera, { ...knobs, lamp: 0 }, nodes, brdf)[4]);
+    const two = [0.25, 0.75].map((share) => Math.round(share * width)), lit = row_of(maps[4]);
+    const off = state.misread = two.map((at) => 100 * (Math.sqrt(centred[at] / lit[at]) - 1));
+    const both = off.map((one) => (Number.isFinite(one) ? one.toFixed(1) : "–")).join(" and ");
+    profile.title.textContent = `As if at the lens: d off by ${both} %`;
+    const read = two.map((at) => ({ x: at, y: row_of(image)[at], colour: COLOURS.ink }));
+    const stored = { label: "I in the middle row", low: 0, high: 1.05 };
+    draw_lines(profile, { x: u, y: stored, lines, dots: read });
     const x = nodes.map((node) => node / DEGREE);
     const theta = { label: "incidence θ [°]", low: -3, high: 83 };
     const dots = x.map((degrees, i) => ({ x: degrees, y: brdf[i], colour: NOW }));
