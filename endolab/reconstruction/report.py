@@ -1,6 +1,6 @@
 """What the numbers of a result mean, what they rest on, what is doubtful: all sentences about it."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Set
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.iteration import Status
 from endolab.reconstruction.contrast import ENOUGH_CONTRAST, explained_contrast, noise_left
 from endolab.reconstruction.lamps import BOUNDS
+from endolab.reconstruction.light_and_contours import BOUNCED, CONTOURS, SMOOTH
 from endolab.reconstruction.linearised import far_end_by_gamma
 from endolab.reconstruction.scale import pixel_name, scale_of
 from endolab.solvers.problem import LOWER_BOUND, NONE, Problem
@@ -331,6 +332,13 @@ def light_verdict(estimate: Any) -> str:
 # What frames of endoscopes usually show.
 LEAST_ANGLE = 5.0  # degrees from the axis to the picture's rim; endoscopes see 35 to 85
 DISTANCES = (2.0, 300.0)  # mm, of the median
+# What may be where little is explained, and by which options.
+CAUSES = {
+    "wet spots, vessels": {"highlights", "channel"},
+    "folds that were not found": {"contours"},
+    "another k or γ": {"k", "gamma"},
+    "λ too large": {"lam", "regulariser", "epsilon", "xi"},
+}
 EXPLAINED = 0.97  # of the picture's variance; frames of cavities have 0.99 and more
 # Of living tissue, whose vessels, stains and wet spots no surface explains: it has 0.956 and more.
 TISSUE_EXPLAINED = 0.95
@@ -351,8 +359,11 @@ DARKEST_ALBEDO = 0.05  # of tissue and of phantoms
 LEAST_BOUNDED = 0.01  # of the pixels, of which it is said
 
 
-def warnings(result: Result) -> Iterator[str]:
-    """Say what can hardly be true of a result, a sentence each; usually nothing."""
+def warnings(result: Result, turned: Set[str] = frozenset()) -> Iterator[str]:
+    """Say what can hardly be true of a result, a sentence each; usually nothing.
+
+    What may be the cause begins with options that were `turned`.
+    """
     problem = result.problem
     mask = result.mask
     widest = float(
@@ -370,12 +381,11 @@ def warnings(result: Result) -> Iterator[str]:
     picture = problem.shown
     in_tissue = result.report.light is LightOutcome.COMPUTED
     if explained < (TISSUE_EXPLAINED if in_tissue else EXPLAINED):
-        usual = "99 % is usual. This may not be an endoscope's frame, or λ is too large."
-        if in_tissue:
-            usual = (
-                "in tissue 95 % and more is usual. What may be: wet spots, vessels, folds that were not "
-                "found, another k or γ, λ too large, or no endoscope's frame."
-            )
+        usual = "in tissue 95 % and more" if in_tissue else "99 %"
+        causes = sorted(CAUSES, key=lambda cause: turned.isdisjoint(CAUSES[cause]))
+        usual = (
+            f"{usual} is usual. What may be: {', '.join(causes)}, or no endoscope's frame."
+        )
         solver = str(result.report.asked.get("solver", ""))
         by_newton = solver == "gauss_newton"
         if not (by_newton and result.status.is_done) and result.left > LEFT:
@@ -473,20 +483,28 @@ SOLVER_NAMES = {
 }
 
 
+LOOKED_FOR = {SMOOTH: "folds", BOUNCED: "bounced light", CONTOURS: "folds"}
+
+
 def describe(
     result: Result, explained: float, reached: str, errors: tuple[float, float] | None
 ) -> str:
     """Say in the tuner's line what solved a result, what it explains, and how it ended.
 
     `reached` is "look" or "iterate" of what is still moving; `errors` are the mean and the median, %.
+    While light and contours are looked for, it says so.
     """
+    if reached == "iterate" and result.iterate.stage in LOOKED_FOR:
+        return f"looking for {LOOKED_FOR[result.iterate.stage]}"
     asked = result.report.asked
     solver = str(asked.get("solver", "gauss_newton"))
     parts = [SOLVER_NAMES[solver]]
     if solver in ("gauss_newton", "primal_dual"):
         problem = result.problem
         parts += [f"λ {problem.lam:.3g}", f"{problem.regulariser} order"]
-    parts.append(f"explains {100 * explained:.1f} %")
+    if reached != "look":  # which has solved few pixels
+        worse = "" if explained >= 0 else ", worse than a flat wall"
+        parts.append(f"explains {100 * max(explained, 0):.1f} %{worse}")
     if errors is not None:
         parts.append(f"error: mean {errors[0]:.1f} %, median {errors[1]:.1f} %")
     if reached == "look":
@@ -502,9 +520,12 @@ def describe(
     return " · ".join([*parts, ended])
 
 
-def advice(explained: float, best: float | None) -> str:
-    """Say what to do about a surface that explains too little; nothing where nothing is known to help."""
-    if explained >= ENOUGH_CONTRAST or best is None:
+def advice(explained: float, lam: float, best: float | None) -> str:
+    """Say what to do about a surface that explains too little; nothing where nothing is known to help.
+
+    98.5 % leads to errors as small as 99 % does, and so does a λ that is near the best.
+    """
+    if explained >= ENOUGH_CONTRAST - 0.005 or best is None or lam < 3 * best:
         return ""
     return f"too smooth: λ {best:.2g} explains 99 %"
 

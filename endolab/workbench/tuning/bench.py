@@ -11,7 +11,7 @@ from endolab.model.cameras import Camera
 from endolab.model.photometry import Photometry
 from endolab.synthetic.rendering import render
 from endolab.synthetic.scenes import Plane
-from endolab.workbench.tuning.surface_view import page_script
+from endolab.workbench.tuning.script import page_script
 
 NODES = np.deg2rad(np.linspace(0, 80, 15))  # of the BRDF, rad
 PAGE = """<div style="max-width: 990px; padding: 6px; font: 12px sans-serif; background: white; color: black">
@@ -62,4 +62,4 @@ def bench(camera: Camera, photometry: Photometry) -> HTML:
         "brdf": photometry.brdf.value(cosines, cosines).tolist(),
         "sheet": PAPER_SHEET.value(cosines, cosines).tolist(),
     }
-    return HTML(PAGE.format(script=page_script("bench.js"), content=json.dumps(content)))
+    return HTML(PAGE.format(script=page_script("bench"), content=json.dumps(content)))

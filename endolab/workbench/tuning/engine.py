@@ -34,12 +34,10 @@ from endolab.reconstruction.contrast import (
     ENOUGH_CONTRAST,
     explained_share,
     noise_left,
-    suggest_lam,
 )
 from endolab.reconstruction.found import Found
 from endolab.reconstruction.lamps import Lamps, divide_by_lamps
 from endolab.reconstruction.pipeline import are_as_found, find, solve_found
-from endolab.reconstruction.report import warnings
 from endolab.reconstruction.scale import to_scale
 from endolab.reconstruction.uncertainty import Uncertainty
 from endolab.solvers.energy import contradicts, model_image
@@ -145,11 +143,6 @@ class Answer:
         error = 100 * np.abs(self.result.distance / truth - 1)
         known = error[np.isfinite(error)]
         return float(known.mean()), float(np.median(known))
-
-    @cached_property
-    def doubts(self) -> Sequence[str]:
-        """What is doubtful about the surface, a sentence each."""
-        return tuple(warnings(self.result))
 
     @property
     def is_final(self) -> bool:
@@ -328,12 +321,6 @@ class Engine:
     def is_stale(self) -> bool:
         """Whether a newer wish has come than the one that is being answered."""
         return self._news.is_set()
-
-    def best_lam(self, answer: Answer) -> tuple[float | None, bool]:
-        """Return the largest λ that explains enough, with this answer's solver, and whether more may do."""
-        curve = self.curve_of(answer)
-        lams = [one.settings.lam for one in curve]
-        return suggest_lam(lams, [one.explained for one in curve])
 
     def curve_of(self, answer: Answer) -> list[Answer]:
         """Return what was solved that differs from an answer by λ alone, by λ."""

@@ -110,6 +110,8 @@ def map_of(
         return {"title": f"[%], {len(several)} λ"}, spread
     if name == "bounced light":
         share = -100 * np.expm1(-bounced_light(result.iterate))
+        if not share.any():
+            return {"empty": "none found"}, None
         taken = "left in" if result.report.albedo is None else "removed"
         return {"title": f"[% of all], {taken}"}, np.where(result.mask, share, np.nan)
     if uncertainty is None:

@@ -11,14 +11,21 @@ import html
 import json
 import zlib
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from endolab.workbench.tuning.engine import Answer
-from endolab.workbench.tuning.maps import as_texts
-from endolab.workbench.tuning.surface_view import page_script
+from endolab.solvers.problem import REGULARISERS
+from endolab.workbench.tuning.engine import Answer, Engine
+from endolab.workbench.tuning.maps import PANELS, as_texts
+from endolab.workbench.tuning.messages import curve_of, message_of, still_said
+from endolab.workbench.tuning.script import page_script
+
+PLAYED_LAMS = [
+    float(f"{lam:.2g}") for lam in 10 ** np.linspace(-2, 2, 21)
+]  # as the slider has them
 
 PAGE = """<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8"><title>{title}</title><link rel="icon" href="data:,">
@@ -53,23 +60,40 @@ def pack(answers: Sequence[Answer]) -> dict[str, Any]:
     return {"packed": packed, "low": low - step, "step": step, "end": end}
 
 
-def write_page(
-    facts: dict[str, Any],
-    first: dict[str, Any],
-    arrays: dict[str, np.ndarray],
-    messages: Sequence[dict[str, Any]],
-    answers: Sequence[Answer],
-    title: str,
-) -> str:
-    """Return the page: what the tuner needs at first, with arrays, and what it hears of each answer."""
-    still = as_texts(arrays)
-    content = {"facts": facts, "first": first, "messages": messages, "still": still}
+def page_of(answer: Answer, engine: Engine, facts: dict[str, Any]) -> str:
+    """Return the page: λ × regulariser, with the light and the contours of an answer."""
+    if answer.settings.solver != "gauss_newton":
+        raise ValueError("only Gauss-Newton's answers are played over λ")
+    orders: Any = REGULARISERS
+    wishes = [
+        replace(answer.settings, lam=lam, regulariser=order)
+        for order in orders
+        for lam in PLAYED_LAMS
+    ]
+    answers = [engine.solve(wish, answer.still) for wish in wishes]
+    messages = [message_of(one, PANELS[:2], engine)[0] for one in answers]
+    best = curve_of(answer, engine.curve_of(answer))  # as the tuner suggests it
+    own = answer.result.problem.regulariser
+    for message, one in zip(messages, answers, strict=True):
+        order = one.settings.regulariser
+        alike = [other for other in answers if other.settings.regulariser == order]
+        message["curve"] = curve_of(one, alike)
+        if order == own:
+            message["curve"] |= {name: best.get(name) for name in ("title", "best")}
+    words, arrays = still_said(answer)
+    specs = [spec for spec in facts["specs"] if spec["name"] in ("lam", "regulariser")]
+    specs[1] = specs[1] | {"options": [*REGULARISERS]}
+    knobs = {"lam": answer.settings.lam, "regulariser": own}
+    content = {
+        "facts": facts | {"specs": specs, "panels": [*PANELS[:2]], "alone": True},
+        "first": words | {"knobs": knobs, "anew": True},
+        "messages": messages,
+        "still": as_texts(arrays),
+    }
     style = Path(__file__).with_name("tuner.css").read_text(encoding="utf-8")
-    script = page_script("tuner.js").replace("export default { render };", "")
-    script += Path(__file__).with_name("player.js").read_text(encoding="utf-8")
     return PAGE.format(
-        title=html.escape(title),
+        title=html.escape(f"{answer.still.subject.frame.name} · endolab"),
         style=style,
-        script=script,
+        script=page_script("player"),
         content=json.dumps(content | pack(answers)).replace("</", "<\\/"),
     )

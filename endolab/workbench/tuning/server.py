@@ -130,7 +130,7 @@ class _Whole(tornado.web.RequestHandler):
         self.page = page
 
     def get(self) -> None:
-        script = HERE.with_name("page.js").read_text(encoding="utf-8")
+        script = HERE.with_name("page").joinpath("page.js").read_text(encoding="utf-8")
         channel = (self.page.origin or "").replace("http", "ws", 1)
         self.set_header("Content-Security-Policy", CONTENT_POLICY % channel)
         self.set_header("Cache-Control", "no-store")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import numpy as np
 from IPython.display import HTML
@@ -12,21 +11,13 @@ from endolab.numerics.checks import excerpt, real_array
 from endolab.solvers.result import Iterate, Result
 from endolab.workbench.plots.scales import brighten
 from endolab.workbench.tuning.maps import as_texts, rgba, still_of
+from endolab.workbench.tuning.script import page_script
 
-HERE = Path(__file__)
 MOST = 240  # rows or columns that are shown
 PAGE = """<div class="endolab-surface" style="position: relative; height: 360px; overflow: hidden;
 color: var(--jp-content-font-color1, #222)"></div>
 <script>(() => {{ {script}
 show_surface(document.currentScript.previousElementSibling, {content}); }})();</script>"""
-
-
-def page_script(name: str) -> str:
-    """Return what a page runs: the drawing, and one of the scripts on top of it."""
-    parts = (
-        HERE.with_name(part).read_text(encoding="utf-8") for part in ("board.js", name)
-    )
-    return "".join(parts)
 
 
 def show_surface(shown: Result | Iterate, picture: np.ndarray | None = None) -> HTML:
@@ -79,5 +70,5 @@ def show_surface(shown: Result | Iterate, picture: np.ndarray | None = None) -> 
         "maps": as_texts(maps),
     }
     return HTML(
-        PAGE.format(script=page_script("surface_view.js"), content=json.dumps(content))
+        PAGE.format(script=page_script("surface_view"), content=json.dumps(content))
     )

@@ -1,19 +1,17 @@
 """The tuner: knobs under a hand, the surface under its eyes.
 
 `tune` makes a widget for JupyterLab and for `endolab tune`. Its `engine` answers in a thread of its own; the
-page (`tuner.js`) is sent numbers, and draws. One picture is under way at a time: the next one waits until the
-page says that it has painted the last. `TunerBox.answer` is what is shown, written and exported.
+page (`page/tuner.js`) is sent numbers, and draws. One picture is under way at a time: the next one waits
+until the page says that it has painted the last. `TunerBox.answer` is what is shown, written and exported.
 """
 
 from __future__ import annotations
 
 import base64
 import json
-import re
 import threading
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import fields, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,20 +23,13 @@ from numpy.typing import NDArray
 from endolab.frames.frame import Frame
 from endolab.frames.nominal import nominal_calibration
 from endolab.io import datasets
-from endolab.io.atomic import read_bytes, stage_folder, write_atomically
-from endolab.io.descriptions import write_calibration
-from endolab.io.found import save_found
-from endolab.io.images import write_image
-from endolab.io.settings import write_settings
+from endolab.io.atomic import write_atomically
 from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import check_int, check_kinds, unknown_name
 from endolab.numerics.iteration import Status
-from endolab.reconstruction.pipeline import reconstruct, solve_found
-from endolab.reconstruction.report import advice, describe, what_changed
 from endolab.reconstruction.settings import Settings
 from endolab.reconstruction.uncertainty import Progress, uncertainty_of
-from endolab.solvers.problem import REGULARISERS
 from endolab.synthetic.scenes import SCENES
 from endolab.workbench.plots.scales import MAPS, palette
 from endolab.workbench.tuning.engine import (
@@ -48,10 +39,21 @@ from endolab.workbench.tuning.engine import (
     Engine,
     shown_as,
 )
-from endolab.workbench.tuning.maps import PANELS, as_buffers, map_of, rgba, still_of
-from endolab.workbench.tuning.player import write_page
+from endolab.workbench.tuning.export import export
+from endolab.workbench.tuning.maps import PANELS, as_buffers
+from endolab.workbench.tuning.messages import (
+    ACTIONS,
+    change_of,
+    chips_of,
+    curve_of,
+    message_of,
+    picture_said,
+    run_of,
+    still_said,
+)
+from endolab.workbench.tuning.player import page_of
+from endolab.workbench.tuning.script import page_script
 from endolab.workbench.tuning.source import Knobs, Source
-from endolab.workbench.tuning.surface_view import page_script
 
 # The page's controls, in order: how they are labelled, what they offer and how far they reach.
 KNOBS: list[dict[str, Any]] = json.loads(
@@ -70,24 +72,9 @@ PRESETS: dict[str, dict[str, Any]] = {
     },
     "fastest": {"channel": "green", "solver": "fast_marching"},
 }
-# What an export makes its answer again by.
-RESULT = """from pathlib import Path
-
-import endolab as el
-from endolab.io.settings import read_settings
-
-here = Path(__file__).parent
-saved = read_settings(here / "settings.json")
-calibration = saved.apply(el.load_calibration(here / "endoscope.json"))  # what is believed
-found = el.load_found(saved.found)  # light and contours
-result = el.solve_found(found, calibration, **saved.keywords)
-"""
 # Of random fields, for an uncertainty that somebody waits for: σ is off by a quarter or less.
 DRAWS = 8
 PAINTING = 0.5  # s; then the next picture is sent though the page has not said that the last is painted
-ELSEWHERE = 10.0  # %; two surfaces that differ by more are not the same
-LEAST_ELSEWHERE = 1.0  # % of the pixels, of which it is said
-PLAYED_LAMS = 10 ** np.linspace(-2, 2, 21)  # of the tuner without Python
 
 
 @check_kinds(frame=Frame, calibration=Calibration)
@@ -141,7 +128,7 @@ class TunerBox(anywidget.AnyWidget):
     `knobs` are what the page's controls say, `answer` is what is shown. Each action of the page is a method.
     """
 
-    _esm = page_script("tuner.js")
+    _esm = page_script("tuner") + "export default { render };"
     _css = Path(__file__).with_name("tuner.css")
     facts: t.Dict[str, Any] = t.Dict().tag(sync=True)  # what the page needs from the start
 
@@ -157,6 +144,7 @@ class TunerBox(anywidget.AnyWidget):
         self.answer: Answer | None = None
         self._maps = set(PANELS[:2])  # that the page is sent
         self._change = ("", 0.0)  # by asking anew: a sentence, and % of the pixels
+        self._turned: set[str] = set()  # the knobs that were turned last
         self._finds = 0  # so many times all was found anew
         self._is_open = False  # whether there is a page
         self._free = threading.Event()  # the page has painted what it was sent
@@ -205,20 +193,16 @@ class TunerBox(anywidget.AnyWidget):
     # What the page asks for --------------------------------------------------------------
 
     def _hear(self, _: object, content: dict[str, Any], buffers: object) -> None:
-        """Do what the page asks for, and say what goes wrong in the status line."""
-        actions: dict[str, Callable[..., object]] = {
-            "export": self._export_aside,
-            "iterate": self.show_iterate,
-            "painted": self._free.set,
-            "panels": self._choose,
-            "ready": self._open,
-            "sigma": self.find_uncertainty,
-            "turn": self.turn,
-        }
+        """Do what the page asks for, a row of `ACTIONS`; say what goes wrong in the status line."""
         try:
-            actions[content["do"]](*content["given"])
+            method, names = ACTIONS[content["do"]]
+            getattr(self, method)(**dict(zip(names, content["given"], strict=False)))
         except Exception as error:
             self._say_wrong((str(error).strip() or type(error).__name__).splitlines()[0])
+
+    def go_on(self) -> None:
+        """Send the next picture: the page has painted the last."""
+        self._free.set()
 
     def turn(
         self, values: dict[str, Any], anew: bool = False, found: int | None = None
@@ -228,10 +212,12 @@ class TunerBox(anywidget.AnyWidget):
         Light and contours stay as they are shown, if they can; or they are found `anew`; or are those of an
         answer before, whose message had the number `found`.
         """
-        self.knobs = knobs = replace(self.knobs, **values)
-        self.engine.ask(knobs, anew, found)
+        before = vars(self.knobs)
+        self.knobs = replace(self.knobs, **values)
+        self._turned = {name for name, value in values.items() if value != before[name]}
+        self.engine.ask(self.knobs, anew, found)
 
-    def _choose(self, names: list[str]) -> None:
+    def choose(self, names: list[str]) -> None:
         """Send these maps from now on."""
         self._maps = {"distance", *names}.intersection(PANELS)
         if self.answer is not None:
@@ -253,13 +239,21 @@ class TunerBox(anywidget.AnyWidget):
             shown = replace(
                 answer, kind=AnswerKind.ITERATE, result=passed, uncertainty=None
             )
-        self._post(*self._message(shown, self._maps))
+        self._post(*message_of(shown, self._maps, self.engine, self._change[0]))
+
+    def open_page(self) -> None:
+        """Send all there is, to a page that was opened, or that shows something else now."""
+        self._is_open = True
+        answer = self.answer
+        if answer is not None:
+            self._send_answer(answer, still=True, knobs=vars(self.knobs))
+            self._note()
+            return
+        subject = self.engine.source.subject(self.knobs)
+        self._post(*picture_said(subject, self.knobs))
 
     def find_uncertainty(self, state: int | None = None) -> None:
-        """Find how far the answer that is shown can be trusted; a newer wish ends it.
-
-        Nothing, likewise.
-        """
+        """Find how far the answer of that `state`, which is shown, can be trusted; a newer wish ends it."""
         answer = self._final()
         if state not in (None, answer.state):
             return
@@ -310,42 +304,19 @@ class TunerBox(anywidget.AnyWidget):
         if answer.is_final and is_new:
             is_found = len(self.engine.finds) > self._finds
             before = self.engine.settled
-            self._change = _change(before, answer) if is_found else ("", 0.0)
+            self._change = change_of(before, answer) if is_found else ("", 0.0)
             self._finds = len(self.engine.finds)
         self._send_answer(answer, still=is_new or not has_unit, anew=is_new)
 
-    def _open(self) -> None:
-        """Send all there is, to a page that was opened, or that shows something else now."""
-        self._is_open = True
-        answer = self.answer
-        if answer is not None:
-            self._send_answer(answer, still=True, knobs=vars(self.knobs))
-            self._note()
-            return
-        subject = self.engine.source.subject(self.knobs)
-        image = subject.frame.image
-        step = -(-image.shape[1] // self.knobs.width)
-        picture = rgba(image[::step, ::step])
-        height, width = picture.shape[:2]
-        still = {"width": width, "height": height, "window": [0, 0, width, height]}
-        still["has_gain"] = subject.calibration.photometry.gain is not None
-        message = {"still": still, "line": "solving ...", "knobs": vars(self.knobs)}
-        self._post(message, {"picture": picture})
-
     def _send_answer(self, answer: Answer, still: bool = False, **more: Any) -> None:
         """Send an answer, with its run if that has ended, and with `still` what stays meanwhile."""
-        message, arrays = self._message(answer, self._maps)
+        message, arrays = message_of(answer, self._maps, self.engine, self._change[0])
         message |= more
         if answer.is_final:
-            message["path"] = [one.k for one in answer.path]
-            columns = ("k", "data", "regulariser", "energy")
-            rows = answer.result.history
-            message["energy"] = {name: [row[name] for row in rows] for name in columns}
+            message |= run_of(answer)
         if still:
-            truth = answer.still.truth_in(answer.result)
-            message["still"], fixed = still_of(answer.result.problem, truth)
-            gain = answer.still.subject.calibration.photometry.gain
-            message["still"]["has_gain"] = gain is not None
+            words, fixed = still_said(answer)
+            message |= words
             arrays |= fixed
         self._post(message, arrays)
 
@@ -355,77 +326,14 @@ class TunerBox(anywidget.AnyWidget):
             self._free.clear()
         self.send(message | {"names": names}, buffers)
 
-    def _message(
-        self, answer: Answer, names: Iterable[str]
-    ) -> tuple[dict[str, Any], dict[str, NDArray]]:
-        """What is said of an answer and of some of its maps, and these."""
-        order = answer.result.problem.regulariser
-        name = answer.settings.solver.replace("_", " ")
-        if answer.uses_lam:
-            name = f"λ {answer.settings.lam:.3g}, {order}"
-        line = describe(answer.result, answer.explained, answer.kind, answer.errors)
-        if answer.is_final and answer.is_anew and self._change[0]:
-            line = f"{self._change[0]} · {line}"
-        several = self.engine.curve_of(answer)
-        maps = {name: map_of(name, answer, several) for name in names}
-        message = {
-            "label": f"{name}, {100 * answer.explained:.1f} % explained",
-            "badge": "" if answer.is_anew else "held",
-            "state": answer.state,
-            "found": self.engine.number_of(answer),
-            "line": line,
-            "tone": "",
-            "curve": self._curve(answer),
-            "asked": vars(answer.settings),
-            "moving": not answer.is_final,
-            "maps": {name: words for name, (words, _) in maps.items()},
-        }
-        return message, {name: a for name, (_, a) in maps.items() if a is not None}
-
     def _note(self) -> None:
         """Send what is known of λ now, and what asks for something: advice, warnings, what is not unique."""
         answer = self.answer
-        if answer is None:
+        if answer is None or not answer.is_final:
             return
-        chips: list[dict[str, Any]] = []
-        best, _ = self.engine.best_lam(answer)
-        advised = advice(answer.explained, best)
-        if advised:
-            text = "A smaller λ follows the picture more closely; click to take it."
-            chips.append({"chip": advised, "text": text, "lam": float(f"{best:.2g}")})
-        chips += [
-            {"chip": re.split("[:;,]", text)[0].rstrip("."), "text": text}
-            for text in answer.doubts
-        ]
-        moved = self._change[1]
-        if answer.is_anew and moved >= LEAST_ELSEWHERE:
-            share = f"{moved:.2g} %"
-            text = f"{share} of the pixels moved by more than {ELSEWHERE:g} % as all was asked anew."
-            chip = f"not unique: {share} of pixels"
-            chips.append({"chip": chip, "text": text, "panel": "spread over λ"})
-        curve = self._curve(answer)
+        curve = curve_of(answer, self.engine.curve_of(answer))
+        chips = chips_of(answer, curve.get("best"), self._change[1], self._turned)
         self.send({"curve": curve, "chips": chips, "state": answer.state})
-
-    def _curve(self, answer: Answer) -> dict[str, Any]:
-        """What each λ explains that was tried with the solver, the light and the contours of an answer."""
-        if not answer.uses_lam:
-            return {"title": f"{answer.settings.solver.replace('_', ' ')} has no λ"}
-        tried = self.engine.curve_of(answer)
-        errors = [one.errors for one in tried]
-        curve = {
-            "title": "",
-            "lams": [one.settings.lam for one in tried],
-            "explained": [one.explained for one in tried],
-            "errors": [None if one is None else one[0] for one in errors],
-            "now": answer.settings.lam,
-        }
-        if len(tried) > 3:  # of fewer nothing follows
-            best, at_least = self.engine.best_lam(answer)
-            title = "no λ tried explains 99 %: wet or stained walls, or another light"
-            if best is not None:
-                title = f"99 % explained up to {'≥ ' if at_least else ''}{best:.2g}"
-            curve |= {"title": title, "best": best}
-        return curve
 
     # What is written ---------------------------------------------------------------------
 
@@ -438,57 +346,14 @@ class TunerBox(anywidget.AnyWidget):
         what `save_result` writes; from the page also `board.png`, as it is seen. All or none. A folder that
         holds files of others is written into only if `overwrite`.
         """
-        # These draw: who waits for a first surface need not wait for them.
-        from endolab.workbench.recording.recorder import record
-        from endolab.workbench.reports.result import save_result
-
-        answer = self._final()
-        subject = answer.still.subject
-        found = answer.still.found
-        assert found is not None
-        trusted = answer.uncertainty
-        saved = replace(answer.settings.solving_settings(subject), found="found.npz")
-        known = answer.settings.endoscope(subject.calibration)
-        with stage_folder(folder, overwrite=overwrite) as staging:
-            with record(staging / "recording.rrd", truth=subject.truth) as recorder:
-                anew = partial(reconstruct, subject.frame)
-                solve = anew if answer.is_anew else partial(solve_found, found)
-                believed = answer.settings.calibration_of(subject)
-                solve(believed, observers=[recorder], **saved.keywords)
-                if trusted is not None:
-                    recorder.add_uncertainty(trusted, answer.result)
-            undrawn = recorder.undrawn
-            save_result(
-                answer.result,
-                staging,
-                uncertainty=trusted,
-                overwrite=True,
-                undrawn=undrawn,
-            )
-            if board is not None:
-                write_atomically(staging / "board.png", board)
-            # The camera that is believed in now is the one beside it.
-            beside = replace(found.believed, camera=known.camera)
-            save_found(replace(found, believed=beside), staging / "found.npz")
-            picture = "frame.png" if subject.path is None else subject.path.name
-            if subject.path is None:
-                write_image(staging / picture, subject.frame.image, bits=16)
-            else:
-                write_atomically(staging / picture, read_bytes(subject.path))
-            if not subject.frame.mask.all():
-                write_image(staging / "mask.png", subject.frame.mask.astype(float))
-                saved = replace(saved, mask="mask.png")
-            write_calibration(known, staging / "endoscope.json")
-            write_settings(saved, staging / "settings.json")
-            write_atomically(staging / "result.py", RESULT.encode())
+        undrawn = export(self._final(), folder, overwrite, board)
         line = "; ".join([f"exported into {Path(folder).resolve()}", *undrawn])
         self.send({"line": line, "tone": "endolab-wrong" if undrawn else ""})
         return Path(folder)
 
-    def _export_aside(self, name: str, board: str) -> None:
+    def export_aside(self, name: str, board: str) -> None:
         """Export, in the engine's thread, whatever is asked for meanwhile; `board` is a data link, PNG."""
         folder = Path(name).expanduser()
-
         content = base64.b64decode(board.partition(",")[2])
 
         def job() -> None:
@@ -502,31 +367,8 @@ class TunerBox(anywidget.AnyWidget):
 
     def export_html(self, path: str | Path) -> Path:
         """Write a tuner that needs no Python: one page, λ × regulariser, with what is held now."""
-        engine = self.engine
-        engine.wait()
-        answer = self._final()
-        if answer.settings.solver != "gauss_newton":
-            raise ValueError("only Gauss-Newton's answers are played over λ")
-        lams = [float(f"{lam:.3g}") for lam in PLAYED_LAMS]
-        orders: Any = REGULARISERS
-        wishes = [
-            replace(answer.settings, lam=lam, regulariser=order)
-            for order in orders
-            for lam in lams
-        ]
-        answers = [engine.solve(wish, answer.still) for wish in wishes]
-        messages = [self._message(one, PANELS[:2])[0] for one in answers]
-        truth = answer.still.truth_in(answer.result)
-        still, arrays = still_of(answer.result.problem, truth)
-        specs = [
-            spec for spec in self.facts["specs"] if spec["name"] in ("lam", "regulariser")
-        ]
-        specs[1] = specs[1] | {"options": [*REGULARISERS]}
-        alone = {"specs": specs, "panels": [*PANELS[:2]], "alone": True}
-        knobs = {"lam": answer.settings.lam, "regulariser": "second"}
-        first = {"still": still, "knobs": knobs, "anew": True}
-        title = f"{answer.still.subject.frame.name} · endolab"
-        page = write_page(self.facts | alone, first, arrays, messages, answers, title)
+        self.engine.wait()
+        page = page_of(self._final(), self.engine, self.facts)
         write_atomically(path, page.encode())
         return Path(path)
 
@@ -535,18 +377,3 @@ class TunerBox(anywidget.AnyWidget):
         if hasattr(self, "engine"):  # not if it was refused
             self.engine.close()
         super().close()
-
-
-def _change(before: Answer | None, answer: Answer) -> tuple[str, float]:
-    """Say what asking anew has changed, and what share of the pixels is elsewhere now, %."""
-    if before is None or before.still.subject is not answer.still.subject:
-        return "", 0.0
-    old = before.result
-    new = answer.result
-    if old.mask.shape != new.mask.shape:
-        return "", 0.0
-    sentence = what_changed(old, new, answer.contours - before.contours)
-    if before.settings != answer.settings:
-        return sentence, 0.0
-    change = 100 * np.abs(old.distance / new.distance - 1)[new.mask]
-    return sentence, 100 * float(np.mean(change > ELSEWHERE))

@@ -18,8 +18,10 @@ from endolab.io.images import write_image
 from endolab.io.settings import SolvingSettings, read_settings
 from endolab.io.surfaces import read_depth
 from endolab.reconstruction.settings import option_types
+from endolab.workbench.tuning.messages import MESSAGES
 from endolab.workbench.tuning.widget import KNOBS, TunerBox
 
+SAID = {row["name"]: row.get("fields") for row in MESSAGES["says"]}
 GREEN = {"channel": "green", "contours": False}
 
 
@@ -34,6 +36,9 @@ def tune(seen):
         messages = []
 
         def send(message, buffers=()):
+            for name, value in message.items():
+                for one in value if name == "chips" else [value]:
+                    assert SAID[name] is None or {*one} <= {*SAID[name]}
             messages.append((message, buffers))
             box._free.set()
 

@@ -1,11 +1,14 @@
-// Shows one AnyWidget, as Jupyter would: what Python says comes over a WebSocket, a message as JSON and each of its
-// buffers behind it, and what is done here goes back.
+// Shows one AnyWidget, as Jupyter would: what Python says comes over a WebSocket, a message as JSON
+// and each of its buffers behind it, and what is done here goes back.
 const channel = new WebSocket(new URL("channel", location.href.replace(/^http/, "ws")));
 channel.binaryType = "arraybuffer";
-const state = {}, listeners = { "msg:custom": new Set(), comm_live_update: new Set() }, place = document.getElementById("widget");
+const state = {}, listeners = { "msg:custom": new Set(), comm_live_update: new Set() };
+const place = document.getElementById("widget");
 const model = {
   get: (name) => state[name],
-  send(content) { if (channel.readyState === WebSocket.OPEN) channel.send(JSON.stringify(content)); },
+  send(content) {
+    if (channel.readyState === WebSocket.OPEN) channel.send(JSON.stringify(content));
+  },
   on: (event, action) => listeners[event].add(action),
   off: (event, action) => listeners[event].delete(action),
 };
@@ -13,7 +16,8 @@ const model = {
 async function show() {
   const el = document.createElement("div");
   document.head.appendChild(document.createElement("style")).textContent = state._css;
-  const { default: { render } } = await import(URL.createObjectURL(new Blob([state._esm], { type: "text/javascript" })));
+  const script = new Blob([state._esm], { type: "text/javascript" });
+  const { default: { render } } = await import(URL.createObjectURL(script));
   place.replaceChildren(el);
   render({ model, el });
 }
@@ -23,7 +27,10 @@ channel.onmessage = ({ data }) => {
   if (typeof data === "string") [message, buffers] = [JSON.parse(data), []];
   else buffers.push(new DataView(data));
   if (buffers.length < message.buffers) return;
-  if (message.content) { for (const hear of listeners["msg:custom"]) hear(message.content, buffers); return; }
+  if (message.content) {
+    for (const hear of listeners["msg:custom"]) hear(message.content, buffers);
+    return;
+  }
   Object.assign(state, message.state);
   show().catch((error) => {
     place.textContent = `The page cannot be shown: ${error.message}`;
@@ -32,8 +39,9 @@ channel.onmessage = ({ data }) => {
 };
 // After the end; if it was but a pause, the page is loaded again.
 channel.onclose = () => {
+  const load_again = ({ ok }) => { if (ok) location.reload(); };
   for (const end of listeners.comm_live_update) end();
-  setInterval(() => fetch(location.href).then(({ ok }) => { if (ok) location.reload(); }, () => {}), 5000);
+  setInterval(() => fetch(location.href).then(load_again, () => {}), 5000);
 };
 // A tab that is left says so; one that the browser puts to sleep, or that dies, does not.
 window.addEventListener("pagehide", () => channel.close(1000));

@@ -1,0 +1,44 @@
+// One row of words: what is held, what the answer is worth, and chips for what asks for a look.
+import { add } from "./drawing.js";
+import { COMPARED } from "./store.js";
+
+/** Adds it. @type {(store: Store, to: Element) => void} */
+export function add_status(store, to) {
+  const badge = add("span", "endolab-badge", to);
+  const nominal = add("span", "endolab-nominal", to, { hidden: true });
+  const line = add("span", "endolab-line", to);
+  nominal.textContent = "nominal camera: shape only";
+  const chips = add("span", "endolab-chips", to);
+  const say = (text, tone = "") =>
+    Object.assign(line, { textContent: text, title: text, className: `endolab-line ${tone}` });
+  const add_chip = ({ chip, text, panel, lam }) => {
+    const onclick = () => {
+      line.textContent = text;
+      if (panel === COMPARED) store.compare_with_before();
+      else if (panel) store.show_in(2, panel);
+      if (lam) store.turn({ lam });
+    };
+    add("button", "endolab-chip", chips, { textContent: chip, title: text, onclick });
+  };
+  store.on("line", say);
+  store.on("leave", () => chips.replaceChildren());
+  store.on("said", (message) => {
+    if (message.line !== undefined) say(message.line, message.tone);
+    if (message.sigma) say(`finding σ: ${message.sigma.done} of ${message.sigma.of}`);
+    badge.textContent = store.now.badge ?? "";
+    badge.hidden = !store.now.badge;
+    nominal.hidden = !store.now.nominal;
+    nominal.title = store.now.nominal ?? "";
+    if (!message.chips) return;
+    chips.replaceChildren();
+    message.chips.forEach(add_chip);
+    let left = 0; // what finds no room is counted
+    while (chips.scrollWidth > chips.clientWidth && chips.children.length > 1) {
+      if (left) chips.lastChild.remove();
+      chips.lastChild.remove();
+      left += 1;
+      const text = message.chips.slice(-left).map((one) => one.text).join(" ");
+      add_chip({ chip: `+ ${left}`, text });
+    }
+  });
+}
