@@ -3,11 +3,12 @@
 import itertools
 import math
 import os
+import re
 import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import nullcontext
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,10 +23,14 @@ from endolab.metrics.depth_errors import compare, resample_truth
 from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import list_of
-from endolab.numerics.iteration import Status
-from endolab.reconstruction.pipeline import reconstruct
+from endolab.numerics.iteration import Status, finish
+from endolab.numerics.threads import limit_threads
+from endolab.reconstruction.found import Found
+from endolab.reconstruction.pipeline import find, reconstruct, solve
+from endolab.reconstruction.problem_of_frame import check_frame
+from endolab.reconstruction.scale import to_scale
 from endolab.reconstruction.settings import Settings
-from endolab.solvers.result import Iterate
+from endolab.solvers.result import Result, run
 from endolab.solvers.solvers import DEFAULT_SOLVER
 
 ENERGY = ("solver", "xi", "regulariser", "lam")
@@ -37,6 +42,7 @@ SWEEP_COLUMNS = (
     "lam",
     "solver",
     "options",
+    "found",
     "status",
     *MEASURED,
     *ERRORS,
@@ -57,6 +63,7 @@ def sweep(
     table: PathLike = "sweep.csv",
     overwrite: bool = False,
     recording: PathLike | None = None,
+    anew: bool = False,
     n_jobs: int | None = None,
     progress: Callable[[int, int, Row], object] | None = None,
     **options: Any,
@@ -83,8 +90,10 @@ def sweep(
     overwrite : bool
         Replace a file of that name.
     recording : path, optional
-        Of the answers for one frame, in the order of the rows: λ is scrubbed as iterations are in another.
-        They are then solved one after the other.
+        Of the answers for one frame, to scrub through λ; a run beside the others for each ξ and regulariser.
+        They are solved one after the other, with the light and the contours that the first has found.
+    anew : bool
+        Find them anew for each row, as without a recording. The column `found` tells: anew or held.
     n_jobs : int, optional
         How many at once, -1 for as many as cores; by default one, or what `joblib.parallel_config` says.
         They are joblib's processes, which share the cores; ``with joblib.parallel_config("dask"):`` takes
@@ -126,23 +135,25 @@ def sweep(
     read = [one for one in (*frames, *truths) if isinstance(one, str | os.PathLike)]
     check_new(table, overwrite, read)
     check_writable(table)
-    recording_of: Any = nullcontext()
+    answers: Any = nullcontext()
     if recording is not None:
         if len(frames) != 1:
             raise ValueError(f"a recording is of one frame, got {len(frames)}")
         check_new(recording, overwrite)
-        from endolab.workbench.recording.recorder import record  # Rerun is asked for
+        from endolab.workbench.recording.recorder import record_lambda  # Rerun is asked for
 
         shown = None if truths[0] is None else _read_truth(truths[0])[0]
-        recording_of = record(recording, truth=shown)
+        answers = record_lambda(recording, shown)
         n_jobs = 1
     rows: list[Row] = []
-    solve = joblib.delayed(_solve_row)
+    solve_row = joblib.delayed(_solve_row)
     parallel = joblib.Parallel(
         n_jobs, return_as="generator", initializer=_end_with, initargs=(os.getpid(),)
     )
-    with recording_of as recorder:
-        for row in parallel(solve(*call, recorder) for call in calls):
+    with answers as recorder:
+        several = len({(call[3]["xi"], call[3]["regulariser"]) for call in calls}) > 1
+        along = None if recorder is None else _Along(recorder, anew, several)
+        for row in parallel(solve_row(*call, along) for call in calls):
             if row["status"] == Status.STOPPED.name:
                 raise KeyboardInterrupt  # the user's, which ends more than this row
             rows.append(row)
@@ -175,13 +186,46 @@ def _end_with(parent: int) -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
+@dataclass
+class _Along:
+    """Solves the rows of a recording one after the other."""
+
+    recorder: Any
+    anew: bool
+    several: bool  # ξ or regularisers, each with a run of its own
+    runs: dict[str, Any] = field(default_factory=dict)
+    found: Found | None = None  # light and contours, by the last row that found its own
+
+    @property
+    def finds(self) -> bool:
+        """Whether the next row finds its own."""
+        return self.anew or self.found is None
+
+    def solve(self, frame: Frame, calibration: Calibration, **options: Any) -> Result:
+        """Solve as `reconstruct` does, or with what was found, and record the answer."""
+        calibration = calibration.for_size(frame.width, frame.height)
+        settings = Settings.of(options)
+        with limit_threads(None):
+            if self.finds:
+                check_frame(frame, calibration, settings)
+                self.found = finish(find(frame, calibration, settings))
+            assert self.found is not None
+            steps = solve(self.found, settings, calibration)
+            result = run(steps, last=lambda answer: to_scale(answer, settings))
+        name = re.sub(r"\W", "_", "{regulariser} xi {xi}".format(**options))
+        if name not in self.runs:
+            self.runs[name] = self.recorder.run(name) if self.several else self.recorder
+        self.runs[name](replace(result.iterate, k=0, stage="sweep"))
+        return result
+
+
 def _solve_row(
     frame: Frame | PathLike,
     truth: Truth | None,
     calibration: Calibration,
     setting: Row,
     options: dict[str, Any],
-    observer: Callable[[Iterate], object] | None,
+    along: _Along | None,
 ) -> Row:
     """Make one row; runs in a worker."""
     row: Row = dict.fromkeys(SWEEP_COLUMNS, math.nan)
@@ -191,10 +235,9 @@ def _solve_row(
     started = time.perf_counter()
     try:
         picture = frame if isinstance(frame, Frame) else read_frame(frame, calibration)
-        result = reconstruct(picture, calibration, **setting, **options)
-        if observer is not None:
-            name = "λ {lam:g}, {regulariser}, ξ {xi}".format(**row)
-            observer(replace(result.iterate, k=0, stage=name))
+        row["found"] = "anew" if along is None or along.finds else "held"
+        solve_frame = reconstruct if along is None else along.solve
+        result = solve_frame(picture, calibration, **setting, **options)
         row |= measure_result(result) | {"seconds": time.perf_counter() - started}
         if truth is not None:
             distance, normals = _read_truth(truth)

@@ -1,7 +1,9 @@
 """The commands that solve: reconstruct, of a frame or a video, and sweep."""
 
+import shlex
 from contextlib import nullcontext
 from functools import partial
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
@@ -205,6 +207,7 @@ def sweep(
     out: str = "sweep.csv",
     truth: Annotated[tuple[str, ...] | None, Parameter(consume_multiple=True)] = None,
     recording: str | None = None,
+    anew: bool = False,
     jobs: int | None = None,
     overwrite: bool = False,
     albedo: Value = None,
@@ -216,7 +219,7 @@ def sweep(
     Of --lam, --xi and --regulariser several values can be given, each with each.
 
     - endolab sweep frame.png --calibration endoscope.json --lam 0.1,1,10 --xi d,1/d
-    - endolab sweep frame.png --lam 0.01,0.1,1,10 --recording lam.rrd
+    - endolab sweep frame.png --lam 1,0.01,0.1,10 --recording lam.rrd
     - endolab sweep *.png --calibration endoscope.json --jobs -1 --out sweep.csv
     - endolab sweep a.png b.png --calibration endoscope.json --truth a.npz b.npz
 
@@ -238,7 +241,10 @@ def sweep(
     truth : paths
         truth.npz of each frame.
     recording : path
-        Of the answers for one frame, to scrub through λ with rerun.
+        Of the answers for one frame, to scrub through λ with rerun: with the light and the contours that the
+        first of them has found.
+    anew : bool
+        Find them anew for each answer of a recording.
     jobs : int
         How many at once (1); -1: as many as cores.
     overwrite : bool
@@ -262,6 +268,7 @@ def sweep(
             table=out,
             overwrite=overwrite,
             recording=recording,
+            anew=anew,
             n_jobs=jobs,
             progress=lambda done, total, row: show(done, total, row["frame"]),
             **keywords,
@@ -270,3 +277,5 @@ def sweep(
     for row in failed:
         print(f"not done: {row['frame']}, λ {row['lam']:g}: {row['error']}")
     print(f"{len(rows) - len(failed)} of {len(rows)} rows, written to {out}")
+    if recording is not None and Path(recording).exists():
+        print(f"answers are in {recording}: rerun {shlex.quote(recording)}")

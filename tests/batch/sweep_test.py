@@ -14,6 +14,8 @@ import pytest
 import endolab as el
 from endolab import datasets
 from endolab.batch.sweep import SWEEP_COLUMNS, sweep
+from endolab.workbench.recording.layouts import LAMBDAS
+from tests.tools.recorded import Recorded
 
 BASE = datasets.load_calibration("simple", 64)
 GREEN = replace(BASE.photometry.channel("green"), gain=900.0)
@@ -95,10 +97,27 @@ def test_a_recording_has_an_answer_and_its_error_for_each_lambda(
     for row, recorded in zip(rows, run.table(), strict=True):
         assert recorded["energy"] == pytest.approx(row["energy"])
         assert recorded["error"] == pytest.approx(row["mean_percent"])
+    assert [row["found"] for row in rows] == ["anew", "held", "held"]
+    at = Recorded(recording, [LAMBDAS]).rows["/stage"]["text"]
+    named = {-1000: "λ 0.1", 0: "λ 1", 1000: "λ 10"}
+    assert {place: words[0].as_py() for place, words in at.items()} == named
     with pytest.raises(ValueError, match="one frame"):
         sweep(
             frames, CALIBRATION, table=tmp_path / "2.csv", recording=tmp_path / "b.rrd"
         )
+
+
+def test_each_xi_has_its_lambdas_found_anew_if_asked(frames, tmp_path):
+    how = {
+        "table": tmp_path / "1.csv",
+        "recording": tmp_path / "lam.rrd",
+        "xi": ["d", "1/d"],
+    }
+    rows = sweep(frames[:1], CALIBRATION, lam=[1, 10], anew=True, **how)
+    assert {row["found"] for row in rows} == {"anew"}
+    runs = el.read_recording(tmp_path / "lam.rrd").runs
+    recorded = [x for run in runs.values() for x in run.table()["energy"]]
+    assert recorded == pytest.approx([row["energy"] for row in rows])
 
 
 def test_what_cannot_be_recorded_costs_no_row(frames, tmp_path, monkeypatch, caplog):

@@ -13,14 +13,12 @@ def flat(values):
 class Recorded:
     """A recording: values of each component by frame or iteration, None where static."""
 
-    def __init__(self, path):
+    def __init__(self, path, timelines=("frame", "iteration")):
         self.rows = {}
         for chunk in rr.chunk.RrdReader(path).stream().to_chunks():
             batch = chunk.to_record_batch()
             entity = batch.schema.metadata[b"rerun:entity_path"].decode()
-            times = [
-                name for name in ("frame", "iteration") if name in batch.schema.names
-            ]
+            times = [name for name in timelines if name in batch.schema.names]
             at = batch.column(times[0]).to_pylist() if times else [None] * len(batch)
             for name in batch.schema.names:
                 if ":" in name:

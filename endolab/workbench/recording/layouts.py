@@ -12,6 +12,7 @@ from endolab.workbench.recording.pictures import DIFFERENCES, ENDS
 
 ITERATIONS = "iteration"  # a timeline
 FRAMES = "frame"  # another
+LAMBDAS = "1000 log10 λ"  # a third, whose steps have names as well
 FROM_BEHIND = (-0.5, -0.35, -0.8)  # the camera, to its left and above it
 
 

@@ -1,4 +1,4 @@
-"""Recordings for the Rerun viewer: of runs on the timeline "iteration", of videos on "frame".
+"""Recordings for the Rerun viewer: of runs on the timeline "iteration", of videos on "frame", of sweeps on λ.
 
 `record` makes an observer for `run`; what it logs, and under which names, is in `Recorder`.
 """
@@ -21,7 +21,7 @@ from endolab.reconstruction.report import notes
 from endolab.reconstruction.uncertainty import Uncertainty
 from endolab.solvers.result import SOLUTION, Iterate, Result
 from endolab.workbench.plots.scales import OKABE_ITO, limits
-from endolab.workbench.recording.layouts import FRAMES, ITERATIONS, Shown
+from endolab.workbench.recording.layouts import FRAMES, ITERATIONS, LAMBDAS, Shown
 from endolab.workbench.recording.pictures import (
     ENDS,
     LINE,
@@ -95,6 +95,11 @@ def record(
     return Recorder(Sink(path), truth, max_width, {})
 
 
+def record_lambda(path: PathLike, truth: FloatArray | None) -> Recorder:
+    """Make an observer of answers for several λ, which are the timeline; in other things as `record`."""
+    return Recorder(Sink(path), truth, 480, {}, along=LAMBDAS)
+
+
 class Recorder:
     """An observer that logs iterates to a recording, as they come; see `record`.
 
@@ -119,6 +124,7 @@ class Recorder:
         max_width: int,
         ends: dict[str, Ends],
         run: str = "",
+        along: str = ITERATIONS,
     ) -> None:
         self.path = sink.path
         self.undrawn = sink.undrawn  # in a sentence, if there can be no recording
@@ -127,6 +133,7 @@ class Recorder:
         self._max_width = max_width
         self._ends = ends  # of the colours of distances, by their unit
         self._run = run
+        self._along = along  # a timeline; of λ each iterate is a stage of its own
         self._runs: dict[str, Recorder] = {}  # beside each other in this recording
         self._within = bool(run)  # a block at whose end it is closed
         self._last: Iterate | None = None
@@ -138,7 +145,9 @@ class Recorder:
         """Make the observer of one of several runs; its entities begin with its name."""
         if not name.isidentifier() or name in self._runs:
             raise ValueError(f"expected a new word such as gauss_newton, got {name!r}")
-        one = Recorder(self._sink, self._truth, self._max_width, self._ends, name)
+        one = Recorder(
+            self._sink, self._truth, self._max_width, self._ends, name, self._along
+        )
         self._runs[name] = one
         return one
 
@@ -149,12 +158,13 @@ class Recorder:
         with self._sink.drawing():
             last = self._last
             stage = (iterate.stage, iterate.round)
-            begins = last is None or (last.stage, last.round) != stage
+            goes_on = last is not None and (last.stage, last.round) == stage
+            begins = self._along == LAMBDAS or not goes_on
             if last is not None and begins:
                 self._end_stage(last)
             self._last = iterate
             self._place += 1
-            self._sink.at(ITERATIONS, self._place)
+            self._at(self._place, iterate)
             if last is None:
                 self._log({"world": rr.ViewCoordinates.RDF, **all_names()}, static=True)
             if begins:
@@ -190,8 +200,9 @@ class Recorder:
         if self.undrawn:
             return
         shape = uncertainty.sigma.shape
-        recorded = None if self._last is None else self._last.mask.shape
-        if shape != recorded:
+        last = self._last
+        recorded = None if last is None else last.mask.shape
+        if last is None or shape != recorded:
             raise ValueError(f"uncertainty has shape {shape}, what was recorded {recorded}")
         with self._sink.drawing():
             step = self._step
@@ -199,7 +210,7 @@ class Recorder:
             source = uncertainty.dominant_source[::step, ::step]
             sources = np.where(source > 0, source + LINE, 0)
             maps = {"sigma": in_steps(percent, ENDS["σ"]), "dominant_source": sources}
-            self._sink.at(ITERATIONS, self._place)
+            self._at(self._place, last)
             self._log({name: class_map(codes) for name, codes in maps.items()})
 
     def __enter__(self) -> Self:
@@ -228,7 +239,7 @@ class Recorder:
                     one._log({"settings": _settings(last)}, static=True)
                     unit = last.problem.unit
                     shown.append(Shown(one._run, unit, self._ends[unit]))
-            self._sink.arrange(shown, ITERATIONS)
+            self._sink.arrange(shown, self._along)
 
     # Stages ---------------------------------------------------------------------------
     def _begin_stage(self, iterate: Iterate) -> None:
@@ -249,10 +260,14 @@ class Recorder:
         look = rr.SeriesLines(names=f"{self._run} {title}".strip(), colors=colour)
         curves = _logarithms(iterate)
         self._log(dict.fromkeys(curves, look), static=True)
-        self._log(dict.fromkeys(curves, rr.Scalars(np.nan)))  # a gap between rounds
+        words = title + round
+        if self._along == LAMBDAS:
+            words = f"λ {problem.lam:g}"
+        else:
+            self._log(dict.fromkeys(curves, rr.Scalars(np.nan)))  # a gap between rounds
         self._log(paint_frame(problem.shown, found_in(problem), self._step))
         painted: Painted = {
-            "stage": rr.TextLog(title + round, color=colour),
+            "stage": rr.TextLog(words, color=colour),
             "world/camera": looks_along(iterate.distance),
             "distance": names("distance", self._ends[unit], unit),
         }
@@ -260,7 +275,7 @@ class Recorder:
 
     def _log_pictures(self, iterate: Iterate) -> None:
         """Log the pictures of the last iterate, there."""
-        self._sink.at(ITERATIONS, self._place)
+        self._at(self._place, iterate)
         ends = self._ends[iterate.problem.unit]
         self._log(paint(iterate, self._truth, ends, self._step))
         self._pictured = iterate.k
@@ -270,8 +285,15 @@ class Recorder:
         if self._pictured != last.k:
             self._log_pictures(last)
         if self._truth is not None:
-            self._sink.at(ITERATIONS, self._begun)
+            self._at(self._begun, last)
             self._log(paint_truth(last, self._truth, self._step))
+
+    def _at(self, place: int, iterate: Iterate) -> None:
+        """Log at this place of "iteration" from now on, and at the iterate's λ."""
+        self._sink.at(ITERATIONS, place)
+        if self._along == LAMBDAS:
+            lam = max(iterate.problem.lam, 1e-12)  # as 0 has no logarithm
+            self._sink.at(LAMBDAS, round(1000 * np.log10(lam)))
 
     def _log(self, painted: Painted, static: bool = False) -> None:
         self._sink.log(painted, self._run, static)
