@@ -193,6 +193,11 @@ def reconstruct(
     if unrecorded:
         print(f"There is no recording.rrd: {unrecorded}.")
     print(f"written to {out}: {', '.join(written)}")
+    if calibration is None:
+        tune = f"endolab tune {shlex.quote(frame)}"
+        print(
+            f"next: {tune} has λ under a slider; endolab calibrate makes the endoscope known"
+        )
 
 
 @partial(takes_settings, types=SWEPT)

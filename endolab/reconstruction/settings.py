@@ -33,13 +33,12 @@ class Settings:
     Parameters
     ----------
     width : int, optional
-        Shrink the frame to this width first, px; a narrower one stays as it is.
+        Shrink the frame to this width first, px; by default, and if narrower, it stays as it is.
     lam : float
         Weight of the regulariser; larger is smoother.
     channel : {"auto", "separated", "red", "green", "blue", "grey"}, optional
         Which colours are solved. `auto` (default): all three, indirect light removed, if the frame allows
-        it, and a grey picture as it is; `separated`: always; else this channel as it is (green by default
-        with the paper's solvers). What was removed, and why, is said in the notes.
+        it; `separated`: always; else this channel as it is (green by default with the paper's solvers).
     regulariser : {"auto", "first", "second"}
         Total variation of ξ, or of its gradient; `auto` is second.
     contours : bool, optional
@@ -51,7 +50,7 @@ class Settings:
         `gauss_newton` minimises the energy, `primal_dual` does so along the paper's path; `fast_marching` is
         one pass to the viscosity solution, `facing` the paper's start d₀, both without the regulariser.
     max_iterations : int, optional
-        Steps of the solver at most.
+        Steps of the solver at most; by default its own.
     epsilon : float
         Derivative of ξ above which the penalty grows linearly.
     threshold : float
@@ -63,11 +62,12 @@ class Settings:
         Blur the light first, by a Gaussian of this standard deviation, px; by default 2 √n, n being the
         noise in grey levels.
     median_distance : float, optional
-        Fix the scale so that the median of the distances is this, mm.
+        Fix the scale so that the median of the distances is this, mm, such as 40.
     known_distance : (float, float, float), optional
-        Fix it so that the surface at a pixel of the picture is so far away: mm, column, row.
+        Fix the scale so that the surface at a pixel is so far away: mm, column, row, such as 30,160,120.
     known_diameter : (float, (float, float), (float, float)), optional
-        Fix it so that the surface at two pixels is so far apart: mm, column and row of one, of the other.
+        Fix the scale so that the surface at two pixels is so far apart: mm, column and row of one, of the
+        other; on the command line 5,100,80,140,80.
     cuts : array of bool, optional
         Links between pixels that are cut, where they are known: see `Problem`.
     solver_options : mapping
@@ -203,7 +203,6 @@ def takes_settings(function: Function, types: Mapping[str, Any] | None = None) -
     )
     listed = str(inspect.getdoc(Settings)).partition("----------\n")[2]
     listed = listed.partition("solver_options :")[0]
-    function.__doc__ = str(inspect.getdoc(function)).replace(
-        "**options\n", f"{listed}**options\n"
-    )
+    own_words, _, last_words = str(inspect.getdoc(function)).partition("**options")
+    function.__doc__ = f"{own_words}{listed}**options{last_words}"
     return function

@@ -32,6 +32,12 @@ def test_help_shows_examples(name, capsys):
     assert len(examples) >= 2
 
 
+@pytest.mark.parametrize("name", NAMES)
+def test_no_option_is_without_words(name):
+    for argument in make_app()[name].assemble_argument_collection(parse_docstring=True):
+        assert argument.parameter.help, argument.name
+
+
 def test_the_help_names_every_command_by_its_first_sentence(capsys):
     assert main(["--help"]) == 0
     printed = capsys.readouterr().out
