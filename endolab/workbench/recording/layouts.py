@@ -7,13 +7,15 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from endolab.numerics.arrays import FloatArray
 from endolab.workbench.plots.scales import MAPS, three_digits
-from endolab.workbench.recording.pictures import DIFFERENCES, ENDS
+from endolab.workbench.recording.pictures import DIFFERENCES, ENDS, ROUNDS
 
 ITERATIONS = "iteration"  # a timeline
 FRAMES = "frame"  # another
 LAMBDAS = "1000 log10 λ"  # a third, whose steps have names as well
 FROM_BEHIND = (-0.5, -0.35, -0.8)  # the camera, to its left and above it
+EYE = 1.5  # half the surface's diagonal, from its middle: it then fills its panel
 
 
 def _title_of(name: str) -> str:
@@ -43,6 +45,7 @@ class Shown:
     run: str  # its name, which its entities begin with; empty if the run is alone
     unit: str  # of distances
     limits: tuple[float, float]  # of distances
+    box: FloatArray  # two corners of the surface, (2, 3)
 
     def title(self, words: str) -> str:
         """Title of a view, with the run's name."""
@@ -53,29 +56,41 @@ class Shown:
         contents = [f"{self.run}/{entity}" for entity in entities]
         return rrb.Spatial2DView(contents=contents, name=self.title(title))
 
-    def pictures(self, entities: Collection[str], wide: int) -> rrb.Grid:
-        """All pictures of the run, so many side by side; the surface is seen from behind the camera."""
-        near, far = self.limits
-        words = f"Distance, {three_digits(near)} to {three_digits(far)} {self.unit}"
-        shown = {name: title for name, title in MAPS_SHOWN.items() if name in entities}
-        maps = [self.view(title, name) for name, title in shown.items()]
-        target = np.array([0, 0, (near + far) / 2])
-        position = target + 1.2 * far * np.array(FROM_BEHIND)
-        surface = rrb.Spatial3DView(
-            origin=f"{self.run}/world",
-            name=self.title(f"Surface [{self.unit}]"),
+    def space(self, title: str, entity: str) -> rrb.Spatial3DView:
+        """Points in space, beside the camera, seen from behind it."""
+        middle = self.box.mean(axis=0)
+        away = EYE * np.linalg.norm(self.box[1] - middle)
+        origin = f"{self.run}/world"
+        return rrb.Spatial3DView(
+            origin=origin,
+            contents=[f"{origin}/camera", f"{origin}/{entity}"],
+            name=self.title(f"{title} [{self.unit}]"),
             eye_controls=rrb.EyeControls3D(
-                position=position, look_target=target, eye_up=[0, -1, 0]
+                position=middle + away * np.array(FROM_BEHIND),
+                look_target=middle,
+                eye_up=[0, -1, 0],
             ),
             background=(45, 50, 58),
             line_grid=False,
         )
-        cut = f"Section [{self.unit}]: truth grey, estimate orange"
+
+    def pictures(self, entities: Collection[str], wide: int) -> rrb.Grid:
+        """All pictures of the run, so many side by side."""
+        near, far = self.limits
+        lines = ", ".join(f"{x:g}" for x in ROUNDS if near < x < far)
+        words = f"Distance, {three_digits(near)} to {three_digits(far)} {self.unit}"
+        words += f", lines at {lines} {self.unit}" if lines else ""
+        shown = {name: title for name, title in MAPS_SHOWN.items() if name in entities}
+        maps = [self.view(title, name) for name, title in shown.items()]
+        is_known = "world/truth" in entities
+        spaces = [self.space("Surface", "cloud")]
+        spaces += [self.space("Truth", "truth")] if is_known else []
+        cut = f"Section [{self.unit}]: {'truth grey, estimate orange' if is_known else 'estimate'}"
         return rrb.Grid(
             self.view("Frame", "input", "found"),
             self.view(words, "distance"),
             rrb.Tabs(*maps, active_tab=0),
-            rrb.Tabs(surface, self.view(cut, "section/**"), active_tab=0),
+            rrb.Tabs(*spaces, self.view(cut, "section/**"), active_tab=0),
             grid_columns=wide,
         )
 
@@ -107,14 +122,19 @@ def layout(runs: Sequence[Shown], entities: Collection[str], timeline: str) -> L
         if any(entity.startswith(curve) for entity in entities)
     ]
     stages = [f"{one.run}/stage" for one in runs]
-    words: list[rrb.View] = [rrb.TextLogView(contents=stages, name="Stages")]
+    columns = rrb.TextLogColumns(
+        text_log_columns=["body"] if alone else ["entitypath", "body"]
+    )
+    words: list[rrb.View] = [
+        rrb.TextLogView(contents=stages, name="Stages", columns=columns)
+    ]
     for one in runs:
         where = f"{one.run}/settings"
         words.append(rrb.TextDocumentView(origin=where, name=one.title("Settings")))
-    columns = [one.pictures(entities, 2 if alone else 1) for one in runs]
+    sides = [one.pictures(entities, 2 if alone else 1) for one in runs]
     last = rrb.Vertical(rrb.Tabs(*beside, active_tab=0), rrb.Tabs(*words, active_tab=0))
     return Layout(
-        rrb.Horizontal(*columns, last, column_shares=[2 if alone else 1, *[1] * len(runs)]),
+        rrb.Horizontal(*sides, last, column_shares=[2 if alone else 1, *[1] * len(runs)]),
         # Slow enough for a run of few iterates.
         rrb.TimePanel(state="collapsed", timeline=timeline, fps=5),
         rrb.SelectionPanel(state="hidden"),

@@ -175,6 +175,11 @@ def looks_along(distance: FloatArray) -> rr.Arrows3D:
     return rr.Arrows3D(vectors=[axis], colors=OKABE_ITO.sky, radii=THIN)
 
 
+def box_of(points: FloatArray) -> FloatArray:
+    """Two corners of a surface, (2, 3), and of nearly all of it: a pixel may be far off."""
+    return np.percentile(_finite(points), (2, 98), axis=0)
+
+
 def _finite(points: FloatArray) -> NDArray[np.float32]:
     return points[np.isfinite(points).all(axis=-1)].astype(np.float32)
 

@@ -28,6 +28,7 @@ from endolab.workbench.recording.pictures import (
     Ends,
     Painted,
     all_names,
+    box_of,
     class_map,
     error_percent,
     found_in,
@@ -238,7 +239,9 @@ class Recorder:
                     one._end_stage(last)
                     one._log({"settings": _settings(last)}, static=True)
                     unit = last.problem.unit
-                    shown.append(Shown(one._run, unit, self._ends[unit]))
+                    shown.append(
+                        Shown(one._run, unit, self._ends[unit], box_of(last.points))
+                    )
             self._sink.arrange(shown, self._along)
 
     # Stages ---------------------------------------------------------------------------
@@ -345,9 +348,13 @@ def record_sequence(
             distance = maps["distance"]
             height, width = distance.shape
             step = -(-width // 320)
+            known = calibration.for_size(picture.shape[1], picture.shape[0])
+            seen = known.camera.resize(width, height)
+            camera = camera if seen == camera else seen  # whose rays are kept
+            points = distance[..., None] * camera.field.rays
             if not shown:
                 ends = limits("distance", distance)
-                shown.append(Shown("", unit, ends))
+                shown.append(Shown("", unit, ends, box_of(points)))
                 still: Painted = {
                     "world": rr.ViewCoordinates.RDF,
                     "world/camera": looks_along(distance),
@@ -358,10 +365,6 @@ def record_sequence(
             sink.at(FRAMES, row["index"])
             small: Any = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
             sink.log(paint_frame(small, 1 * np.isfinite(distance), step))
-            known = calibration.for_size(picture.shape[1], picture.shape[0])
-            seen = known.camera.resize(width, height)
-            camera = camera if seen == camera else seen  # whose rays are kept
-            points = distance[..., None] * camera.field.rays
             sink.log(paint_surface(points, maps["normals"], ends, step))
             sink.log({"stage": rr.TextLog(row["frame"])})
             sink.log(scalars({f"plots/{name}": row[name] for name in COLUMNS}))
