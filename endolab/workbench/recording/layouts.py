@@ -15,7 +15,7 @@ ITERATIONS = "iteration"  # a timeline
 FRAMES = "frame"  # another
 LAMBDAS = "1000 log10 λ"  # a third, whose steps have names as well
 FROM_BEHIND = (-0.5, -0.35, -0.8)  # the camera, to its left and above it
-EYE = 1.5  # half the surface's diagonal, from its middle: it then fills its panel
+EYE = 2.0  # times half the surface's diagonal, from its middle: it then fills its panel
 
 
 def _title_of(name: str) -> str:
@@ -78,8 +78,7 @@ class Shown:
         """All pictures of the run, so many side by side."""
         near, far = self.limits
         lines = ", ".join(f"{x:g}" for x in ROUNDS if near < x < far)
-        words = f"Distance, {three_digits(near)} to {three_digits(far)} {self.unit}"
-        words += f", lines at {lines} {self.unit}" if lines else ""
+        words = f"Distance [{self.unit}], lines at {lines}"
         shown = {name: title for name, title in MAPS_SHOWN.items() if name in entities}
         maps = [self.view(title, name) for name, title in shown.items()]
         is_known = "world/truth" in entities
