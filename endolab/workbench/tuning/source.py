@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from endolab.frames.frame import Frame
+from endolab.frames.nominal import nominal_calibration
 from endolab.io.images import read_frame
 from endolab.io.settings import SolvingSettings
 from endolab.model.endoscope import Calibration
@@ -171,8 +172,13 @@ class Source:
 
     def _open(self, number: int) -> Subject:
         path = self.pictures[number]
-        frame = read_frame(path, self.calibration)
-        known = self.calibration.fit(frame.name, frame.width, frame.height)
+        known = self.calibration
+        stated = known.evidence.get("camera", {})
+        if stated.get("nominal"):  # each size has a camera: its own, if no other is known
+            own = nominal_calibration(read_frame(path), stated["fov"]).camera
+            known = replace(known, others=(own, *known.others, known.camera))
+        frame = read_frame(path, known)
+        known = known.fit(frame.name, frame.width, frame.height)
         return Subject(frame, known, path=path)
 
     def _render(self, scene: str, width: int, noise: float) -> Subject:

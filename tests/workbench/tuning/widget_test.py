@@ -19,6 +19,7 @@ from endolab.io.settings import SolvingSettings, read_settings
 from endolab.io.surfaces import read_depth
 from endolab.reconstruction.settings import option_types
 from endolab.workbench.tuning.messages import MESSAGES
+from endolab.workbench.tuning.source import Knobs, Source
 from endolab.workbench.tuning.widget import KNOBS, TunerBox
 
 SAID = {row["name"]: row.get("fields") for row in MESSAGES["says"]}
@@ -248,6 +249,17 @@ def test_a_frame_that_nobody_calibrated_is_of_a_nominal_endoscope(seen):
     with contextlib.closing(el.tune(frame, width=64)) as box:
         box.engine.wait(60)
         assert "camera" in box.answer.result.report.nominal
+
+
+def test_each_size_of_picture_has_a_nominal_camera(seen, tmp_path):
+    """A size that was not among the few that were looked at first was refused."""
+    paths = [tmp_path / "wide.png", tmp_path / "tall.png"]
+    for path, columns in zip(paths, (160, 90), strict=True):
+        write_image(path, seen[0].image[:, :columns])
+    frame = el.read_frame(paths[0])
+    source = Source(el.nominal_calibration(frame), frame, None, paths)
+    camera = source.subject(Knobs(scene=1)).calibration.camera
+    assert (camera.width, camera.height) == (90, 120)
 
 
 def test_controls_offer_what_settings_take():
