@@ -1,12 +1,13 @@
 // Buttons, and their keys.
 import { add } from "./drawing.js";
 import { add_film } from "./film.js";
+import { fit } from "./sight.js";
 
 const HELP = {
   Enter: "ask anew: light, contours, scales as the knobs are now", A: "keep as A, or drop it",
-  V: "3D from the camera, or from outside", "P, N": "frame before, frame after", U: "undo",
-  R: "reset all knobs", "?": "these keys", "click on a map": "lay the section",
-  "click on a dot": "take its λ",
+  F: "fit section, 3D box and colours", V: "3D from the camera, or from outside",
+  "P, N": "frame before, frame after", U: "undo", R: "reset all knobs",
+  "?": "these keys", "click on a map": "lay the section", "click on a dot": "take its λ",
   "wheel on a map": "zoom; with shift, drag it; double click for all",
   "a panel's title": "show something else there",
 };
@@ -50,6 +51,7 @@ export function add_actions(store, to, { el, help, advanced, panels, resize }) {
   };
   const keep = button("keep as A", "Keep what is shown, to compare it with what comes; A.",
     () => store.keep(), to);
+  button("fit", "Section, 3D box and colours fit what is shown; F.", () => fit(store), to);
   button("find σ", "How far each distance can be trusted; the panel σ shows it.",
     () => store.find_sigma());
   const folder = add("input", "endolab-folder", live, { value: "tuned" });
@@ -85,7 +87,8 @@ export function add_actions(store, to, { el, help, advanced, panels, resize }) {
   // Keys work wherever the focus is but in a text field; in a notebook, while this cell is active.
   const live_keys = { Enter: ask_anew, n: () => store.step(1), p: () => store.step(-1),
     u: () => store.undo(), r: () => store.reset() };
-  const keys = { a: () => store.keep(), v: () => panels.solid.turn_around(),
+  const keys = { a: () => store.keep(), f: () => fit(store),
+    v: () => panels.solid.turn_around(),
     "?": () => toggle(help), Escape: () => { help.hidden = true; },
     ...(facts.alone ? {} : live_keys) };
   const on_key = (event) => {

@@ -1,6 +1,6 @@
 // The model's bench: a plane before an endoscope, its picture, and the factors that make it.
 import { draw_chart } from "./chart.js";
-import { add, coloured, unpacked } from "./drawing.js";
+import { add, BLUE, coloured, RED, unpacked } from "./drawing.js";
 import { shade } from "./shading.js";
 
 const KNOBS = [
@@ -13,7 +13,7 @@ const KNOBS = [
   ["depth", "distance of the wall [mm]", 10, 150, 0.5, "along the optical axis"],
 ];
 const GREYS = Uint32Array.from({ length: 256 }, (_, i) => 0xFF000000 | (i << 16) | (i << 8) | i);
-const UNIT = { low: 0, high: 1 }, NOW = "#0072B2", KEPT = "#D55E00", DEGREE = Math.PI / 180;
+const UNIT = { low: 0, high: 1 }, DEGREE = Math.PI / 180;
 const FACTORS = [
   ["cos^k′ α · cosᵐ ψ", UNIT],
   ["1/d² [1/mm²], logarithmic", { low: 1 / 150 ** 2, high: 1 / 10 ** 2, log: true }],
@@ -94,13 +94,13 @@ export function bench(host, { width, height, packed, knobs, nodes, brdf, sheet }
       pen.clearRect(0, 0, canvas.width, canvas.height);
       pen.drawImage(drawn, 0, 0, canvas.width, canvas.height);
     });
-    const lines = [{ x: columns, y: row_of(image), colour: NOW, name: kept && "now" }];
+    const lines = [{ x: columns, y: row_of(image), colour: BLUE, name: kept && "now" }];
     let title = "I = L^(1/γ)";
     if (kept) {
       const apart = (value, p) => 255 * Math.abs(value - image[p]) || 0;
       const off = kept.reduce((most, value, p) => Math.max(most, apart(value, p)), 0);
       title += `: up to ${off.toFixed(1)} grey levels from the kept one`;
-      lines.push({ x: columns, y: row_of(kept), colour: KEPT, name: "kept" });
+      lines.push({ x: columns, y: row_of(kept), colour: RED, name: "kept" });
     }
     picture.title.textContent = title;
     const u = { label: "column u [px]", low: 0, high: width };
@@ -115,9 +115,9 @@ export function bench(host, { width, height, packed, knobs, nodes, brdf, sheet }
     draw_lines(profile, { x: u, y: stored, lines, dots: read });
     const x = nodes.map((node) => node / DEGREE);
     const theta = { label: "incidence θ [°]", low: -3, high: 83 };
-    const dots = x.map((degrees, i) => ({ x: degrees, y: brdf[i], colour: NOW }));
+    const dots = x.map((degrees, i) => ({ x: degrees, y: brdf[i], colour: BLUE }));
     const f_r = { label: "f_r [1/sr]", low: 0, high: 0.5 };
-    places = draw_lines(curve, { x: theta, y: f_r, lines: [{ x, y: brdf, colour: NOW }], dots });
+    places = draw_lines(curve, { x: theta, y: f_r, lines: [{ x, y: brdf, colour: BLUE }], dots });
     state.drawn += 1;
   }
   const { canvas } = curve;

@@ -18,39 +18,39 @@ function knob({ label, options, range, log, hint, first }, box, turn, say) {
   const line = add("input", "", box, { ariaLabel: label, placeholder: hint ?? "" });
   // JupyterLab keeps Enter's own effect.
   line.onkeydown = ({ key }) => { if (key === "Enter") line.blur(); };
-  let present, show; // the value that is shown, and what shows one
-  const refuse = () => {
-    say(`${label}: "${line.value}" is no number`, "endolab-wrong");
-    show(present);
+  const [min, max, step] = range ?? [], type = "range";
+  const slider = range && add("input", "", box, { type, min, max, step, ariaLabel: label });
+  const give = (value) => turn(range && value === first ? null : value);
+  let present; // the value that is shown
+  const show = (value) => {
+    present = range ? value ?? first : value;
+    line.value = range ? Number(present.toPrecision(6)) : present ?? "";
+    if (range) slider.value = log ? Math.log10(Math.max(present, 10 ** min)) : present;
   };
-  if (!range) {
-    show = (value) => { present = value; line.value = value ?? ""; };
-    line.onchange = () => {
-      const value = typed(line.value);
-      if (value === undefined) refuse();
-      else turn(value);
-    };
-    return show;
-  }
-  const [min, max, step] = range;
-  const slider = add("input", "", box, { type: "range", min, max, step, ariaLabel: label });
-  const give = (value) => turn(value === first ? null : value);
-  slider.oninput = () => {
+  line.onchange = () => {
+    const value = typed(line.value), is_one = typeof value === "number";
+    if (range ? is_one : value !== undefined) return give(value);
+    say(`${label}: "${line.value}" is no number`, "endolab-wrong");
+    return show(present);
+  };
+  if (range) slider.oninput = () => {
     const value = log ? 10 ** slider.value : Number(slider.value);
     line.value = Number(value.toPrecision(log ? 2 : 6));
     give(Number(line.value));
   };
-  show = (value) => {
-    present = value ?? first;
-    line.value = Number(present.toPrecision(6));
-    slider.value = log ? Math.log10(Math.max(present, 10 ** min)) : present;
-  };
-  line.onchange = () => {
-    const value = typed(line.value);
-    if (typeof value === "number") give(value);
-    else refuse();
-  };
   return show;
+}
+
+// Why a knob has nothing to turn, if so.
+function lacks(needs, { now: { knobs, still }, facts }) {
+  if (needs === "energy" && !facts.with_energy.includes(knobs.solver)) {
+    return "Off: this solver minimises no energy, which this is a part of.";
+  }
+  if (needs === "mm" && !still?.metric) {
+    return "Nothing says how many millimetres a distance is: give a length, behind more ....";
+  }
+  return needs === "gain" && !still?.has_gain &&
+    "Off: the gain of this endoscope is unknown, so that there is nothing to multiply.";
 }
 
 /**
@@ -70,7 +70,7 @@ export function add_knobs(store, sight, advanced) {
     for (const { name, tip, needs, show, box } of shown) {
       const is_typed = box.contains(typing) && typing.matches(NUMBER);
       if (name in store.now.knobs && !is_typed) show(store.now.knobs[name]);
-      const why = needs && store.lacks(needs);
+      const why = lacks(needs, store);
       box.title = why || tip;
       for (const part of box.querySelectorAll("input, select")) part.disabled = Boolean(why);
     }

@@ -38,6 +38,20 @@ export function widen(store, times) {
   if (ends[2] - ends[0] > 0.02) see(store, ends);
 }
 
+/** Lets section, box and colours fit what is shown, and holds these. */
+export function fit(store) {
+  store.now.held = store.scales[store.now.found] = {};
+  store.tell("fit");
+  store.tell("draw");
+}
+
+/** Whether a tenth of the surface lies beyond the colours that are held. */
+export function has_left({ now: { held, arrays } }) {
+  const [low, high] = held.distance ?? [0, Infinity];
+  const known = (arrays.distance ?? []).filter((far) => far === far);
+  return known.filter((far) => far < low || far > high).length > 0.1 * known.length;
+}
+
 /** Whether a map shows A up to the wipe. */
 export const is_wiped = ({ kept }, name) =>
   kept && ["distance", "model - frame", "error"].includes(name);

@@ -45,19 +45,6 @@ export class Store {
 
   // Knobs
 
-  /** Why a knob has nothing to turn, if so. @param {"energy" | "mm" | "gain"} needs */
-  lacks(needs) {
-    const { knobs, still } = this.now;
-    if (needs === "energy" && !this.facts.with_energy.includes(knobs.solver)) {
-      return "Off: this solver minimises no energy, which this is a part of.";
-    }
-    if (needs === "mm" && !still?.metric) {
-      return "Nothing says how many millimetres a distance is: give a length, behind more ....";
-    }
-    return needs === "gain" && !still?.has_gain &&
-      "Off: the gain of this endoscope is unknown, so that there is nothing to multiply.";
-  }
-
   /**
    * Turns knobs. `how`: whether all is to be found anew, and the number of what was found that is
    * to be used.
@@ -87,12 +74,13 @@ export class Store {
 
   reset() { this.begin_with({ ...this.facts.first, scene: this.now.knobs.scene }); }
 
-  /** Turns to another frame, or another scene, in their order. */
-  step(by) {
+  /** Turns to another frame, or another scene, in their order: the next that can be read. */
+  step(by, from = this.now.knobs.scene) {
     const { options } = this.facts.specs.find((spec) => spec.name === "scene");
-    const { scene } = this.now.knobs, scenes = options.map(([, one]) => one);
-    const next = scenes[scenes.indexOf(scene) + by];
-    if (typeof next === typeof scene) this.turn({ scene: next });
+    const scenes = options.map(([, one]) => one), next = scenes[scenes.indexOf(from) + by];
+    const is_alike = typeof next === typeof from;
+    this.stepped = is_alike ? [by, next] : undefined;
+    if (is_alike) this.turn({ scene: next });
   }
 
   // Answers
@@ -109,7 +97,9 @@ export class Store {
     const had = message.maps ? Object.keys(now.maps) : [];
     this.take(message, buffers);
     Object.assign(now, message);
+    const { stepped } = this;
     if (message.anew) {
+      this.stepped = undefined;
       now.held = this.scales[now.found] ?? {};
       const { distance } = this.kept?.arrays ?? now.arrays;
       if (distance?.length !== now.arrays.distance?.length) this.keep();
@@ -127,6 +117,7 @@ export class Store {
     const news = [...arrays, ...had, ...(is_still ? ["3D"] : []), ...Object.keys(message), ...maps];
     this.tell("draw", message.still ? undefined : new Set(news));
     if (message.maps) this.tell("maps");
+    if (message.knobs && stepped && message.knobs.scene !== stepped[1]) this.step(...stepped);
   }
 
   // A map belongs to its answer: with the next one's maps all others go.

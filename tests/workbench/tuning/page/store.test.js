@@ -3,7 +3,8 @@ import assert from "node:assert/strict";
 import { readFileSync, readdirSync } from "node:fs";
 import { beforeEach, test } from "node:test";
 
-import { leave_out, see, seen, widen } from "../../../../endolab/workbench/tuning/page/sight.js";
+import { fit, has_left, leave_out, see, seen, widen }
+  from "../../../../endolab/workbench/tuning/page/sight.js";
 import { Store } from "../../../../endolab/workbench/tuning/page/store.js";
 import { map_of } from "../../../../endolab/workbench/tuning/page/maps.js";
 
@@ -140,6 +141,28 @@ test("colours are held while the hand moves, and B is compared with A", () => {
   assert.ok(store.kept);
   store.keep();
   assert.equal(store.panels[2], "model - frame");
+});
+
+test("colours that the surface has left are fitted, and held again", () => {
+  map_of(store, "distance");
+  python.state = 1;
+  answer({}, 40);
+  assert.ok(has_left(store));
+  fit(store);
+  assert.equal(map_of(store, "distance").low, 40);
+  assert.ok(!has_left(store));
+});
+
+test("from a frame that cannot be read one goes on to the next", () => {
+  store.step(1);
+  say({ knobs: FIRST }); // refused
+  assert.deepEqual(asked("turn").map(([{ scene }]) => scene), [1]);
+  store.facts = { ...FACTS, specs: [{ name: "scene", options: [["a", 0], ["b", 1], ["c", 2]] }] };
+  store.step(1);
+  say({ knobs: FIRST });
+  answer({ anew: true });
+  say({ knobs: FIRST });
+  assert.deepEqual(asked("turn").map(([{ scene }]) => scene), [1, 2]);
 });
 
 test("3D is there once, and moves", () => {
