@@ -24,13 +24,11 @@ from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import list_of
 from endolab.numerics.iteration import Status, finish
-from endolab.numerics.threads import limit_threads
 from endolab.reconstruction.found import Found
-from endolab.reconstruction.pipeline import find, reconstruct, solve
+from endolab.reconstruction.pipeline import find, reconstruct, solve_found
 from endolab.reconstruction.problem_of_frame import check_frame
-from endolab.reconstruction.scale import to_scale
 from endolab.reconstruction.settings import Settings
-from endolab.solvers.result import Result, run
+from endolab.solvers.result import Result
 from endolab.solvers.solvers import DEFAULT_SOLVER
 
 ENERGY = ("solver", "xi", "regulariser", "lam")
@@ -146,14 +144,14 @@ def sweep(
         answers = record_lambda(recording, shown)
         n_jobs = 1
     rows: list[Row] = []
-    solve_row = joblib.delayed(_solve_row)
+    solve = joblib.delayed(_solve_row)
     parallel = joblib.Parallel(
         n_jobs, return_as="generator", initializer=_end_with, initargs=(os.getpid(),)
     )
     with answers as recorder:
         several = len({(call[3]["xi"], call[3]["regulariser"]) for call in calls}) > 1
         along = None if recorder is None else _Along(recorder, anew, several)
-        for row in parallel(solve_row(*call, along) for call in calls):
+        for row in parallel(solve(*call, along) for call in calls):
             if row["status"] == Status.STOPPED.name:
                 raise KeyboardInterrupt  # the user's, which ends more than this row
             rows.append(row)
@@ -196,22 +194,15 @@ class _Along:
     runs: dict[str, Any] = field(default_factory=dict)
     found: Found | None = None  # light and contours, by the last row that found its own
 
-    @property
-    def finds(self) -> bool:
-        """Whether the next row finds its own."""
-        return self.anew or self.found is None
-
     def solve(self, frame: Frame, calibration: Calibration, **options: Any) -> Result:
         """Solve as `reconstruct` does, or with what was found, and record the answer."""
         calibration = calibration.for_size(frame.width, frame.height)
-        settings = Settings.of(options)
-        with limit_threads(None):
-            if self.finds:
-                check_frame(frame, calibration, settings)
-                self.found = finish(find(frame, calibration, settings))
-            assert self.found is not None
-            steps = solve(self.found, settings, calibration)
-            result = run(steps, last=lambda answer: to_scale(answer, settings))
+        if self.anew or self.found is None:
+            settings = Settings.of(options)
+            check_frame(frame, calibration, settings)
+            self.found = finish(find(frame, calibration, settings))
+        asked = {name: options[name] for name in options.keys() - {"width", "cuts"}}
+        result = solve_found(self.found, calibration, **asked)
         name = re.sub(r"\W", "_", "{regulariser} xi {xi}".format(**options))
         if name not in self.runs:
             self.runs[name] = self.recorder.run(name) if self.several else self.recorder
@@ -235,9 +226,10 @@ def _solve_row(
     started = time.perf_counter()
     try:
         picture = frame if isinstance(frame, Frame) else read_frame(frame, calibration)
-        row["found"] = "anew" if along is None or along.finds else "held"
-        solve_frame = reconstruct if along is None else along.solve
-        result = solve_frame(picture, calibration, **setting, **options)
+        before = along.found if along else None
+        solve = along.solve if along else reconstruct
+        result = solve(picture, calibration, **setting, **options)
+        row["found"] = "held" if along and along.found is before else "anew"
         row |= measure_result(result) | {"seconds": time.perf_counter() - started}
         if truth is not None:
             distance, normals = _read_truth(truth)
