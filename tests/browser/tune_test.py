@@ -262,34 +262,3 @@ def test_from_frame_to_frame_by_key_and_list_and_typed_letters_are_no_keys(
     process.send_signal(signal.SIGINT)
     assert ended(process) == (0, "ended")
     page.locator(".endolab-lost").wait_for(state="visible")
-
-
-def test_what_was_found_at_first_comes_back_to_the_bit(start, visit):
-    """After λ 5 was asked anew, a reset showed another surface than the first."""
-    _, link = start("sim/frame.png")
-    page = visit(link)
-    assert page.evaluate(IS_FIRST)
-    line = page.locator(".endolab-lam input").first
-    line.fill("5")
-    line.press("Enter")
-    page.wait_for_function(f"() => ({FINAL})() && {KNOWN}.asked.lam === 5")
-    assert not page.evaluate(IS_FIRST)
-    page.keyboard.press("Enter")
-    page.wait_for_function(f"() => {SAID}.includes('asked anew')")
-    page.keyboard.press("r")
-    page.wait_for_function(IS_FIRST)
-    page.keyboard.press("u")
-    page.wait_for_function(f"() => {KNOWN}.asked.lam === 5 && !{KNOWN}.moving")
-    page.get_by_label("preset").select_option("fastest")
-    page.wait_for_function(f"() => {KNOWN}.asked.solver === 'fast_marching'")
-    page.get_by_label("preset").select_option("default")
-    page.wait_for_function(IS_FIRST)
-    page.get_by_role("button", name="find σ").click()
-    page.wait_for_function(f"() => /finding σ: [1-8] of/.test({SAID})")
-    photograph(page, "tune_sigma")
-    page.evaluate(TURN, ["lam", -1])
-    page.wait_for_function(f"() => ({FINAL})() && {KNOWN}.asked.lam === 0.1")
-    for _ in "12":
-        page.keyboard.press("u")
-    page.wait_for_function(f"() => {KNOWN}.asked.solver === 'fast_marching'")
-    assert page.complaints == []
