@@ -98,7 +98,7 @@ def record(
 
 def record_lambda(path: PathLike, truth: FloatArray | None) -> Recorder:
     """Make an observer of answers for several λ, which are the timeline; in other things as `record`."""
-    return Recorder(Sink(path), truth, 480, {}, along=LAMBDAS)
+    return Recorder(Sink(path, LAMBDAS), truth, 480, {})
 
 
 class Recorder:
@@ -125,7 +125,6 @@ class Recorder:
         max_width: int,
         ends: dict[str, Ends],
         run: str = "",
-        along: str = ITERATIONS,
     ) -> None:
         self.path = sink.path
         self.undrawn = sink.undrawn  # in a sentence, if there can be no recording
@@ -134,7 +133,7 @@ class Recorder:
         self._max_width = max_width
         self._ends = ends  # of the colours of distances, by their unit
         self._run = run
-        self._along = along  # a timeline; of λ each iterate is a stage of its own
+        self._is_sweep = sink.along == LAMBDAS  # each iterate is a stage of its own
         self._runs: dict[str, Recorder] = {}  # beside each other in this recording
         self._within = bool(run)  # a block at whose end it is closed
         self._last: Iterate | None = None
@@ -146,9 +145,7 @@ class Recorder:
         """Make the observer of one of several runs; its entities begin with its name."""
         if not name.isidentifier() or name in self._runs:
             raise ValueError(f"expected a new word such as gauss_newton, got {name!r}")
-        one = Recorder(
-            self._sink, self._truth, self._max_width, self._ends, name, self._along
-        )
+        one = Recorder(self._sink, self._truth, self._max_width, self._ends, name)
         self._runs[name] = one
         return one
 
@@ -160,7 +157,7 @@ class Recorder:
             last = self._last
             stage = (iterate.stage, iterate.round)
             goes_on = last is not None and (last.stage, last.round) == stage
-            begins = self._along == LAMBDAS or not goes_on
+            begins = self._is_sweep or not goes_on
             if last is not None and begins:
                 self._end_stage(last)
             self._last = iterate
@@ -242,7 +239,7 @@ class Recorder:
                     shown.append(
                         Shown(one._run, unit, self._ends[unit], box_of(last.points))
                     )
-            self._sink.arrange(shown, self._along)
+            self._sink.arrange(shown)
 
     # Stages ---------------------------------------------------------------------------
     def _begin_stage(self, iterate: Iterate) -> None:
@@ -264,7 +261,7 @@ class Recorder:
         curves = _logarithms(iterate)
         self._log(dict.fromkeys(curves, look), static=True)
         words = title + round
-        if self._along == LAMBDAS:
+        if self._is_sweep:
             words = f"λ {problem.lam:g}"
         else:
             self._log(dict.fromkeys(curves, rr.Scalars(np.nan)))  # a gap between rounds
@@ -294,7 +291,7 @@ class Recorder:
     def _at(self, place: int, iterate: Iterate) -> None:
         """Log at this place of "iteration" from now on, and at the iterate's λ."""
         self._sink.at(ITERATIONS, place)
-        if self._along == LAMBDAS:
+        if self._is_sweep:
             lam = max(iterate.problem.lam, 1e-12)  # as 0 has no logarithm
             self._sink.at(LAMBDAS, round(1000 * np.log10(lam)))
 
@@ -341,7 +338,7 @@ def record_sequence(
     ``section/estimate``, ``world/cloud`` and ``plots/<name>``. Distances are in `unit`. The picture is shrunk
     to the size of the maps; what is wider than 320 px is thinned.
     """
-    with Sink(path) as sink:
+    with Sink(path, FRAMES) as sink:
         shown: list[Shown] = []
         camera: Camera = calibration.camera
         for row, picture, maps in frames:
@@ -368,4 +365,4 @@ def record_sequence(
             sink.log(paint_surface(points, maps["normals"], ends, step))
             sink.log({"stage": rr.TextLog(row["frame"])})
             sink.log(scalars({f"plots/{name}": row[name] for name in COLUMNS}))
-        sink.arrange(shown, FRAMES)
+        sink.arrange(shown)

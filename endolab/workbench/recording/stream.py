@@ -12,7 +12,7 @@ from typing import Self
 import rerun as rr
 
 from endolab.io.atomic import PathLike, check_writable, say_undrawn, write_atomically
-from endolab.workbench.recording.layouts import Shown, layout
+from endolab.workbench.recording.layouts import ITERATIONS, Shown, layout
 from endolab.workbench.recording.pictures import Painted
 
 
@@ -44,8 +44,9 @@ class Sink:
     closed at the end, and an error leaves no file.
     """
 
-    def __init__(self, path: PathLike) -> None:
+    def __init__(self, path: PathLike, along: str = ITERATIONS) -> None:
         self.path = Path(path)
+        self.along = along  # the timeline that is shown
         self.open = True  # for what is logged
         self.undrawn: list[str] = []  # a sentence, if there can be no recording
         # That were logged at some time, but for the run's name.
@@ -76,10 +77,10 @@ class Sink:
             self._stream.log(f"{run}/{entity}", what, static=static, strict=True)
         self._entities |= set() if static else painted.keys()
 
-    def arrange(self, runs: Sequence[Shown], timeline: str) -> None:
+    def arrange(self, runs: Sequence[Shown]) -> None:
         """Tell the viewer how to open the recording, unless it holds nothing."""
         if runs:
-            arranged = layout(runs, self._entities, timeline)
+            arranged = layout(runs, self._entities, self.along)
             self._stream.send_blueprint(arranged)
             arranged.stream.disconnect()
 
