@@ -106,9 +106,10 @@ def reconstruct(
     if (uncertainty or mesh or prepare) if is_video else every or limit:
         kinds = "--every and --limit are of a video, --uncertainty, --mesh and --prepare"
         raise ValueError(f"{kinds} of one picture")
-    endoscope = load_endoscope(calibration, [frame], fov, crop, lamp)
+    endoscope = load_endoscope(calibration, [frame], fov, crop)
     kept = None if settings is None else read_settings(settings)
-    known, keywords = load(endoscope, options, albedo, threads, kept)
+    light = {"albedo": albedo, "lamps": lamp}
+    known, keywords = load(endoscope, options, light, threads, kept)
     if is_video:
         if kept is not None and kept.found:
             print(f"{ANEW}, in each frame: those of {settings} are of one picture")
@@ -248,8 +249,9 @@ def sweep(
     """
     import endolab as el
 
-    endoscope = load_endoscope(calibration, frames, fov, crop, lamp)
-    known, keywords = load(endoscope, options, albedo, threads)
+    endoscope = load_endoscope(calibration, frames, fov, crop)
+    light = {"albedo": albedo, "lamps": lamp}
+    known, keywords = load(endoscope, options, light, threads)
     with announce_compiling(), show_progress("row") as show:
         rows = el.sweep(
             frames,

@@ -79,13 +79,13 @@ Size = _read_by(_numbers("COLUMNSxROWS", int, "x"))
 def load(
     calibration: Calibration,
     options: dict[str, Any],
-    albedo: Any,
+    light: dict[str, Any],
     threads: int | None,
     kept: SolvingSettings | None = None,
 ) -> tuple[Calibration, dict[str, Any]]:
     """Return a calibration, as it is believed to be, and the keywords of `endolab.reconstruct`.
 
-    `kept` is what a file of settings says; options win.
+    `light` is what is believed of it, `kept` what a file of settings says; options win.
     """
     from endolab.io.settings import SolvingSettings
     from endolab.reconstruction.settings import LENGTHS
@@ -93,8 +93,8 @@ def load(
     if threads is not None:
         os.environ["ENDOLAB_THREADS"] = str(threads)
     kept = kept or SolvingSettings()
-    if albedo is not None:
-        kept = replace(kept, photometry={**kept.photometry, "albedo": albedo})
+    given = {name: value for name, value in light.items() if value is not None}
+    kept = replace(kept, photometry={**kept.photometry, **given})
     if "contours" in options:
         options["contours"] = {"auto": None, "yes": True, "no": False}[options["contours"]]
     keywords = dict(kept.keywords)
@@ -108,24 +108,8 @@ def load_endoscope(
     sources: Sequence[str],
     fov: float | None = None,
     crop: tuple[int, int, int, int] | None = None,
-    lamps: Sequence[Sequence[float]] | None = None,
 ) -> Calibration:
-    """Load a calibration, or that of a part of its pictures; a nominal one of the first source without.
-
-    Its lamps, if any are given, are these.
-    """
-    known = _load_endoscope(calibration, sources, fov, crop)
-    if not lamps:
-        return known
-    return replace(known, photometry=known.photometry.with_lamps(lamps))
-
-
-def _load_endoscope(
-    calibration: str | None,
-    sources: Sequence[str],
-    fov: float | None,
-    crop: tuple[int, int, int, int] | None,
-) -> Calibration:
+    """Load a calibration, or that of a part of its pictures; a nominal one of the first source without."""
     from endolab.io.cameras.readers import MissingSize
     from endolab.io.datasets.known_endoscopes import load_calibration
     from endolab.io.video import open_frames

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from endolab._extras import need
-from endolab.cli.solving import Count, Lamps, Port, Rectangle, load_endoscope
+from endolab.cli.solving import Count, Lamps, Port, Rectangle, load, load_endoscope
 
 if TYPE_CHECKING:
     from endolab.model.endoscope import Calibration
@@ -70,7 +70,8 @@ def tune(
     from endolab.workbench.tuning.server import Page
 
     pictures = find_pictures(frame)
-    known = load_endoscope(calibration, [frame], fov, crop, lamp)
+    endoscope = load_endoscope(calibration, [frame], fov, crop)
+    known, _ = load(endoscope, {}, {"lamps": lamp}, None)
     first = read_frame(pictures[0], known)
     true = None if truth is None else read_truth(truth, known)
     if true is not None and len(pictures) > 1:

@@ -47,10 +47,14 @@ class SolvingSettings:
         if "albedo" in light:
             light["brdf"] = Lambertian(light.pop("albedo"))
         lamps = light.pop("lamps", None)
-        photometry = replace(calibration.photometry, **light)
+        photometry, evidence = (
+            replace(calibration.photometry, **light),
+            calibration.evidence,
+        )
         if lamps is not None:
             photometry = photometry.with_lamps(lamps)
-        return replace(calibration, photometry=photometry)
+            evidence = evidence | {"lamps": "given"}
+        return replace(calibration, photometry=photometry, evidence=evidence)
 
 
 @checked

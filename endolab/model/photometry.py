@@ -48,7 +48,7 @@ class Photometry:
     brdf : BRDF
         Of the surface.
     lights : tuple of SpotLight
-        The real lights; empty means one at the optical centre.
+        The real lights; empty means one at the optical centre. Their shadows are not modelled.
 
     Examples
     --------
@@ -110,14 +110,14 @@ class Photometry:
         )
 
     @property
-    def lamps_aside(self) -> tuple[SpotLight, ...]:
-        """The lights, if none at the optical centre can stand for them without an error; else none."""
+    def lamps_aside(self) -> tuple[tuple[float, float, float], ...]:
+        """Where the lights are, if none at the centre can stand for them without an error; else none."""
         alike = {replace(light, weight=1.0) for light in self.lights}
         if len(alike) == 1:
             (one,) = alike
             if one == replace(CENTRED_LIGHT, exponent=one.exponent):
                 return ()
-        return self.lights
+        return tuple(light.position for light in self.lights)
 
     def with_lamps(self, places: Sequence[Sequence[float]]) -> Self:
         """Replace the lights by alike lamps at `places`, (x, y) or (x, y, z) in the camera frame, mm.

@@ -44,13 +44,15 @@ def normals(
     field: RayField,
     mask: BoolArray | None = None,
     step: int = 1,
+    cuts: BoolArray | None = None,
 ) -> FloatArray:
     """Unit normals (H, W, 3) in the camera frame, towards the camera, from v = log d; nan outside the mask.
 
-    The mask is by default where v is finite. Of every `step`-th row and column alone, if it is given.
+    The mask is by default where v is finite; no difference is taken across `cuts` (2, H, W). Of every
+    `step`-th row and column alone, if it is given.
     """
     inside = field.valid & (np.isfinite(log_distance) if mask is None else mask)
-    f_u, f_v = (f[::step, ::step] for f in gradient(log_distance, inside))
+    f_u, f_v = (f[::step, ::step] for f in gradient(log_distance, inside, cuts))
     return normals_from_gradient(f_u, f_v, field.every(step))
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from endolab.frames.frame import Frame
 from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import FloatArray
-from endolab.reconstruction.problem_of_frame import fingerprint_of, in_units
+from endolab.reconstruction.problem_of_frame import fingerprint_of, in_units, lamps_of
 from endolab.reconstruction.settings import SEPARATED, Settings
 from endolab.solvers.descent import DESCENT
 from endolab.solvers.problem import Problem
@@ -38,11 +38,16 @@ class Found:
         found = self.problem
         rows, columns = found.mask.shape
         asked = settings.as_dict() | {"regulariser": settings.used_regulariser}
+        image = found.image
+        shift = 1 / found.photometry.gamma - 1 / calibration.photometry.gamma
+        if found.lamp_ratio is not None and shift:  # ω is of light
+            image = image * found.lamp_ratio**shift
         problem = replace(
             found,
+            image=image,
             camera=calibration.camera.resize(columns, rows),
             **settings.energy,
-            report=replace(found.report, asked=asked),
+            report=replace(found.report, asked=asked, **lamps_of(calibration)),
         )
         channel = found.report.channel
         channel = "green" if channel in (SEPARATED, None) else channel

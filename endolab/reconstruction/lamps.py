@@ -17,6 +17,7 @@ import numpy as np
 
 from endolab.model.endoscope import Calibration
 from endolab.model.photometry import Photometry
+from endolab.model.surface import normals, points
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.resampling import resample
 from endolab.reconstruction.scale import to_scale
@@ -26,7 +27,6 @@ from endolab.solvers.result import Iterate
 
 # Nearer than twice a lamp's offset ω has no bound, and there a surface is too rough to tell it.
 BOUNDS = (1 / 3, 3.0)
-MOVED = 0.05  # log of the median distance from which on ω is another
 
 
 @dataclass(frozen=True)
@@ -57,37 +57,38 @@ class Lamps:
         scaled = to_scale(surface, self.settings)
         return float(np.median(scaled.distance[scaled.mask]))
 
-    def are_as_before(
-        self, before: Lamps | None, problem: Problem, problem_before: Problem
-    ) -> bool:
-        """Whether ω stays: the lamps stand as before, and a wall that faces them is as far away."""
-        if before is None or self.photometry.lights != before.photometry.lights:
-            return False
-        now, was = (
-            lamps.median(Iterate(seen, 0, seen.log_d0, {}))
-            for lamps, seen in ((self, problem), (before, problem_before))
-        )
-        return bool(abs(np.log(now / was)) < MOVED)
+    def ratio(self, surface: Iterate, step: int = 1) -> FloatArray:
+        """Return ω at a surface, (H, W), within `BOUNDS`; 1 where it is unknown.
 
-    def ratio(self, surface: Iterate) -> FloatArray:
-        """Return ω at a surface, (H, W), within `BOUNDS`; 1 where it is unknown."""
+        Of every `step`-th row and column alone, if it is given.
+        """
         scaled = to_scale(surface, self.settings)
         real = replace(self.photometry, gain=1.0, brdf=scaled.problem.photometry.brdf)
-        points, normals = scaled.points, scaled.normals
+        field, v = scaled.problem.field, scaled.log_distance
+        seen = (
+            points(v[::step, ::step], field.every(step)),
+            normals(v, field, scaled.mask, step, scaled.problem.cuts),
+        )
         with np.errstate(divide="ignore", invalid="ignore"):
-            stored = [light.intensity(points, normals) for light in (real, real.simplify())]
+            stored = [light.intensity(*seen) for light in (real, real.simplify())]
             ratio = (stored[0] / stored[1]) ** real.gamma
         return np.clip(np.where(np.isfinite(ratio), ratio, 1.0), *BOUNDS)
 
 
-def divide_by_lamps(problem: Problem, ratio: FloatArray) -> Problem:
-    """Return a problem, and its colours, as the virtual lamp would have lit it; ω is (h, w) of any size."""
-    whole = np.clip(resample(ratio, problem.mask.shape), *BOUNDS)
-    before = 1.0 if problem.lamp_ratio is None else problem.lamp_ratio
-    factor = (before / whole) ** (1 / problem.photometry.gamma)
+def divide_by_lamps(problem: Problem, ratio: FloatArray | None) -> Problem:
+    """Return a problem, and its colours, as the virtual lamp would have lit it.
+
+    ω is (h, w) of any size; None: as it was lit.
+    """
+    before, after = problem.lamp_ratio, None
+    if ratio is not None:
+        after = np.clip(resample(ratio, problem.mask.shape), *BOUNDS)
+    elif before is None:
+        return problem
+    factor = (1.0 if before is None else before) / (1.0 if after is None else after)
     return replace(
         problem,
-        image=problem.image * factor,
-        lamp_ratio=whole,
+        image=problem.image * factor ** (1 / problem.photometry.gamma),
+        lamp_ratio=after,
         colours=tuple(divide_by_lamps(colour, ratio) for colour in problem.colours),
     )

@@ -369,6 +369,7 @@ def problem_as_before(
         and (old.smooth, old.highlights) == (full.report.smooth, full.report.highlights)
         and solved.camera == full.camera
         and solved.is_lit_as(full)
+        and old.lamps == full.report.lamps
         and old.channel == SEPARATED
         and old.contours is not ContourOutcome.GIVEN
         and full.cuts is None
@@ -383,6 +384,7 @@ def problem_as_before(
             mask=solved.mask,
             evidence=solved.evidence,
             cuts=solved.cuts,
+            lamp_ratio=solved.lamp_ratio,
             colours=(),
             report=replace(old, scale="", length=None, length_by_gain=None),
         )

@@ -28,6 +28,7 @@ import numpy as np
 
 from endolab.frames.frame import Frame
 from endolab.model.endoscope import Calibration
+from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import check_kinds
 from endolab.numerics.threads import limit_threads
 from endolab.reconstruction.colours import prior_of
@@ -48,6 +49,7 @@ from endolab.reconstruction.scale import to_scale
 from endolab.reconstruction.settings import Settings, takes_settings
 from endolab.solvers import solvers
 from endolab.solvers.descent import DESCENT
+from endolab.solvers.problem import Problem
 from endolab.solvers.result import (
     SOLUTION,
     Iterate,
@@ -65,8 +67,14 @@ from endolab.solvers.solvers import check_solver_options, options_of
 # creep long after that. Under another it has a way to go, and would seem to rest long before.
 SETTLED_CUT = 1e-2
 SETTLED = 5e-4
-# Steps of each round for the lamps' ω, where they or the unit are others than it was found with.
+# Of the lamps' ω, where they or the unit are others than it was found with: steps of each round, and log of
+# the median distance from which on the unit is another.
 MOVED_ROUNDS = (2, 2, 2, 2)
+MOVED = 0.05
+RESTS = 0.005  # of log d, by which another ω moves it
+RATIO_STEP = (
+    3  # of every so many-th row and column ω is asked, where a hand or a doubt waits for it
+)
 
 
 @check_kinds(frame=Frame, calibration=Calibration, start=Result)
@@ -251,6 +259,8 @@ def find(
         problem, first = yield from light_and_contours(
             small, full, prior_of(calibration), contours, start, lamps
         )
+        if lamps is not None and first is not None and _moves(problem, first, lamps):
+            problem, first = yield from settle_lamps(problem, first, lamps, (1,))
     else:
         problem, first = known, None
     found = Found(problem, settings, calibration, first, converged_at=converged_at)
@@ -260,14 +270,35 @@ def find(
     return replace(found, start=start_from(start.iterate, problem), halvings=halvings)
 
 
+def _moves(problem: Problem, start: FloatArray, lamps: Lamps) -> bool:
+    """Whether ω of the surface on all pixels would move half of the distances by more than `RESTS`."""
+    few = slice(None, None, RATIO_STEP)
+    ratio = lamps.ratio(Iterate(problem, 0, start, {}), RATIO_STEP)
+    assert problem.lamp_ratio is not None
+    moved = np.abs(np.log(ratio / problem.lamp_ratio[few, few])) / 2
+    return bool(np.median(moved[problem.mask[few, few]]) > RESTS)
+
+
+def are_as_found(found: Found, problem: Problem, lamps: Lamps) -> bool:
+    """Whether ω stays: the lamps stand as before, and the surface is as far away, but for a twentieth."""
+    before = Lamps.of(found.believed, found.settings)
+    if before is None or problem.lamp_ratio is None:
+        return False
+    was, now = (
+        one.median(Iterate(of, 0, of.log_d0, {}))
+        for one, of in ((before, found.problem), (lamps, problem))
+    )
+    same = lamps.photometry.lights == before.photometry.lights
+    return same and abs(np.log(now / was)) < MOVED
+
+
 def solve(found: Found, settings: Settings, calibration: Calibration) -> Solver:
     """Solve what was found, under the energy and the light's law that are asked for."""
     problem, start = found.problem_with(settings, calibration)
     lamps = Lamps.of(calibration, settings)
-    before = Lamps.of(found.believed, found.settings)
-    if lamps is None and before is not None:  # they cannot be used any more
-        problem = divide_by_lamps(problem, np.ones((1, 1)))
-    elif lamps is not None and not lamps.are_as_before(before, problem, found.problem):
+    if lamps is None:
+        problem = divide_by_lamps(problem, None)
+    elif not are_as_found(found, problem, lamps):
         if start is not None:
             problem = divide_by_lamps(problem, lamps.ratio(Iterate(problem, 0, start, {})))
         problem, start = yield from settle_lamps(problem, start, lamps, MOVED_ROUNDS)

@@ -54,9 +54,10 @@ class PriorSigma:
         is_unmeasured |= "unknown_light" in evidence
         errors = _at(evidence, "photometry", "standard_errors")
         errors = errors if isinstance(errors, Mapping) else {}
+        listed = {} if evidence.get("lamps") == "given" else errors
         places = [
             error
-            for name, error in errors.items()
+            for name, error in listed.items()
             if name.startswith("lamp ") and isinstance(error, int | float)
         ]
         # Of the mean place of n lamps, each way, of which there are 2 n numbers.

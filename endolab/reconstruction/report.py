@@ -33,7 +33,6 @@ def meaning(result: Result | Iterate) -> tuple[str, ...]:
     return (
         *_of_scale(result),
         *_of_wall(result),
-        *_of_lamps(result),
         _of_gamma(result),
         *_of_evidence(result.problem),
         *notes(result),
@@ -41,9 +40,14 @@ def meaning(result: Result | Iterate) -> tuple[str, ...]:
 
 
 def notes(result: Result | Iterate) -> tuple[str, ...]:
-    """Say what was done about indirect light and contours, and why, in a sentence each."""
+    """Say what was done about lamps, indirect light and contours, and why, in a sentence each."""
     report = result.report
-    return (*_of_picture(report), *_of_light(report), *_of_contours(report))
+    return (
+        *_of_picture(report),
+        *_of_lamps(result),
+        *_of_light(report),
+        *_of_contours(report),
+    )
 
 
 def _of_picture(report: Report) -> Iterator[str]:
@@ -151,19 +155,20 @@ def _of_wall(result: Result | Iterate) -> Iterator[str]:
 
 def _of_lamps(result: Result | Iterate) -> Iterator[str]:
     """Say where the lamps stand and what they change, by ω: distances go with its square root."""
-    problem = result.problem
-    ratio = problem.lamp_ratio
-    if not result.report.lamps or ratio is None:
+    report, ratio = result.report, result.problem.lamp_ratio
+    if not report.lamps or ratio is None:
         return
-    places = " and ".join(f"({x:g}, {y:g}, {z:g})" for x, y, z in result.report.lamps)
-    factor = np.sqrt(ratio[result.mask])
+    places = " and ".join(f"({x:g}, {y:g}, {z:g})" for x, y, z in report.lamps)
+    ratio = ratio[result.mask]
+    factor = np.sqrt(ratio if scale_of(result) == "gain" else ratio / np.median(ratio))
     far = result.distance[result.mask]
-    moves = 100 * float(np.median(factor[far >= np.quantile(far, 0.95)]) - 1)
-    way = "farther" if moves > 0 else "nearer"
+    moves = 100 * (factor - 1)
+    end = float(np.median(moves[far >= np.quantile(far, 0.95)]))
+    whose = "lamps that were given" if report.lamps_given else "calibration's lamps"
     yield (
-        f"The calibration's lamps stand at {places} mm (right, down, forward of the lens); their places move "
-        f"the far end, a twentieth of the pixels, {abs(moves):.2g} % {way} and the others by "
-        f"{100 * np.std(factor):.2g} %."
+        f"The {whose} stand at {places} mm (right, down, forward of the lens): their places move distances "
+        f"by {np.mean(np.abs(moves)):.2g} % in the mean, and the far end, a twentieth of the pixels, "
+        f"{abs(end):.2g} % {'farther' if end > 0 else 'nearer'}."
     )
     if scale_of(result) == "none":
         yield "For that the median distance was assumed as usual of this endoscope: the unit stays arbitrary."

@@ -247,13 +247,12 @@ class Look:
         With another gain it begins at the same surface in another unit.
         """
         before = self._coarse.problem
-        is_lit_alike = problem.image is before.image
-        if not is_lit_alike or any(
+        if any(
             getattr(problem, name) != getattr(before, name)
             for name in ("xi", "regulariser", "camera")
         ):
             self._set_grids(problem)
-        elif any(
+        elif problem.image is not before.image or any(
             getattr(problem, name) != getattr(before, name)
             for name in ("epsilon", "threshold", "photometry")
         ):

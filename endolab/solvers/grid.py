@@ -103,7 +103,6 @@ class Grid(Structure):
             pad_maps(links(mask, problem.cuts).astype(np.int8)) if is_cut else uncut_links,
             uncut_links,
             REGULARISERS.index(problem.regulariser),
-            image=pad_maps(np.where(mask, problem.image, 0.0)),
             metric=pad_maps(
                 np.where(mask, np.moveaxis(problem.field.inverse_metric, -1, 0), 0.0)
             ),
@@ -119,8 +118,9 @@ class Grid(Structure):
         )
 
     def coarser_under(self, problem: Problem) -> Grid:
-        """The coarser grid for a problem that differs by its light and penalties alone."""
+        """The coarser grid for a problem that differs by its light and penalties alone; edges stay."""
         maps = _light_of(problem)
+        maps["image"], _ = replace(self, **maps)._coarser_evidence()
         for name in ("log_scale", "factor"):
             maps[name] = self.restrict(maps[name])
         return replace(self.coarser, **maps)
@@ -364,6 +364,7 @@ def _light_of(problem: Problem) -> dict[str, Any]:
     table, step = shading_table(light)
     return {
         "problem": problem,
+        "image": pad_maps(np.where(mask, problem.image, 0.0)),
         "log_scale": pad_maps(np.log(facing)),
         "factor": pad_maps(xi / problem.xi_median),
         "table": table,

@@ -80,6 +80,7 @@ class Report:
 
     # x, y, z of the lamps that the calibration lists, mm, if they do not stand at the optical centre.
     lamps: tuple[tuple[float, float, float], ...] = ()
+    lamps_given: bool = False  # by hand, in place of those that it lists
 
     # Where the surface is cut
     contours: ContourOutcome | None = None

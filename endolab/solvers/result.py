@@ -104,7 +104,10 @@ class Iterate:
     @cached_property
     def normals(self) -> FloatArray:
         """Unit normals in the camera frame, towards the camera, (H, W, 3); nan outside the mask."""
-        return freeze(normals(self.log_distance, self.problem.field, self.mask))
+        problem = self.problem
+        return freeze(
+            normals(self.log_distance, problem.field, self.mask, cuts=problem.cuts)
+        )
 
     @cached_property
     def points(self) -> FloatArray:

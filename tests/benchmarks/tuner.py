@@ -19,6 +19,7 @@ OTHERS = 4  # s in which the other λ of the curve are solved
 MOVES = {
     "lam": [round(-0.9 + 0.1 * number, 1) for number in range(25)],
     "gamma": [round(1.6 + 0.05 * number, 2) for number in range(25)],
+    "lamp_x": [round(0.25 + 0.25 * number, 2) for number in range(25)],
 }
 HELD = "document.querySelector('.endolab-tuner')?.endolab"
 FIRST = f"() => {HELD}?.arrays?.picture"

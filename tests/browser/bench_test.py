@@ -23,8 +23,8 @@ TURN = """knobs => Object.entries(knobs).forEach(([name, value]) => {
   slider.oninput();
 })"""
 STATE = """() => {
-  const { image, knobs, brdf, drawn } = document.querySelector("div").bench;
-  return { image: [...image], knobs, brdf, drawn };
+  const { image, misread, knobs, brdf, drawn } = document.querySelector("div").bench;
+  return { image: [...image], misread, knobs, brdf, drawn };
 }"""
 
 
@@ -80,6 +80,14 @@ def test_the_bench_draws_what_the_model_renders(browser, tmp_path):
         image = np.reshape(np.array(state["image"], float), seen.mask.shape)
         assert np.array_equal(np.isfinite(image), seen.mask)
         assert np.abs(image - seen.image)[seen.mask].max() < 1 / 255
+        place = seen.mask.shape[0] // 2, [60, 180]
+        points = CAMERA.field.rays[place] * seen.distance[place][:, None]
+        linear, centred = (
+            one.intensity(points, seen.normals[place]) ** one.gamma
+            for one in (light, light.simplify())
+        )
+        off = 100 * (np.sqrt(centred / linear) - 1)
+        np.testing.assert_allclose(state["misread"], off, atol=0.05)
     photograph(page, "bench")
     box = page.locator("input[name=tilt]").bounding_box()
     left, right, y = box["x"] + 5, box["x"] + box["width"] - 5, box["y"] + 8

@@ -12,6 +12,7 @@ import pytest
 
 from endolab.cli import main as cli
 from endolab.io.images import read_image, write_image
+from endolab.io.surfaces import read_depth
 from tests.browser.conftest import (
     FINAL,
     KNOWN,
@@ -80,7 +81,8 @@ def start(frames, compiled):
     def start(what, *options):
         command = [sys.executable, "-m", "endolab", "tune", str(frames / what)]
         command += ["--no-browser", f"--port={a_free_port()}", "--width=160", *options]
-        command += ["--calibration", str(frames / "sim/endoscope.json")]
+        if "--calibration" not in options:
+            command += ["--calibration", str(frames / "sim/endoscope.json")]
         how = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
         # In the background ignored.
         how["preexec_fn"] = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
@@ -202,6 +204,43 @@ def test_one_cursor_reads_all_maps_and_a_click_lays_the_section_and_a_is_compare
     page.emulate_media(color_scheme="dark")
     photograph(page, "tune_dark")
     assert page.complaints == []
+
+
+def test_a_lamp_is_moved_by_hand_where_distances_are_mm(start, visit, frames, tmp_path):
+    options = ["--calibration", "simple", "--width", "160", "--out"]
+    assert (
+        cli.main(["simulate", "tube", "--lamp", "4,0", *options, f"{frames}/lit"]) == 0
+    )
+    _, link = start("lit/frame.png")
+    page = visit(link)
+    far = f"() => {KNOWN}.arrays.distance.map((one) => Number.isFinite(one) ? one : 0)"
+    assert page.evaluate(IS_FIRST)
+    first = np.array(page.evaluate(far))
+    x, y = (page.locator(f".endolab-lamp_{axis} input").first for axis in "xy")
+    assert not x.is_visible()
+    page.get_by_role("button", name="more ...").click()
+    assert y.is_visible()
+    assert y.is_enabled()
+    x.fill("4")
+    x.press("Enter")
+    page.wait_for_function(f"() => ({FINAL})() && {KNOWN}.asked.lamp_x === 4")
+    followed = np.array(page.evaluate(far))
+    out = tmp_path / "out"
+    command = f"reconstruct {frames}/lit/frame.png --calibration {frames}/sim/endoscope.json --lamp 4,0"
+    assert cli.main([*command.split(), "--out", str(out)]) == 0
+    wanted = np.nan_to_num(read_depth(out / "depth.npz")["distance"]).ravel()
+    assert "(4, 0, 0)" in (out / "report.json").read_text()
+    left = np.abs(followed - wanted).mean()  # as contours stay
+    assert left < 0.5 * np.abs(first - wanted).mean()
+    page.keyboard.press("Enter")
+    page.wait_for_function(f"() => {SAID}.includes('asked anew')")
+    assert np.array_equal(page.evaluate(far), wanted)
+    page.keyboard.press("r")
+    page.wait_for_function(IS_FIRST)
+    _, link = start("lit/frame.png", "--calibration", "simple")  # of unknown gain
+    page = visit(link)
+    page.get_by_role("button", name="more ...").click()
+    assert page.locator(".endolab-lamp_x input").first.is_disabled()
 
 
 def test_from_frame_to_frame_by_key_and_list_and_typed_letters_are_no_keys(

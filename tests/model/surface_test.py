@@ -50,3 +50,16 @@ def test_normals_of_exact_scenes(name, camera):
     assert np.percentile(error[inside], 99) < 0.5
     assert error[mask].mean() < 0.2
     assert_array_equal(np.isfinite(found).all(axis=-1), mask)
+
+
+def test_normals_beside_a_cut_are_of_their_own_side():
+    camera = CAMERAS["pinhole"]
+    (v, exact, mask), (beyond, others, _) = (
+        seen(SCENES[name], camera) for name in ("plane", "curved")
+    )
+    right = np.arange(camera.width) > 80
+    cuts = np.zeros((2, *mask.shape), bool)
+    cuts[0, :, 80] = True
+    found = surface.normals(np.where(right, beyond, v), camera.field, cuts=cuts)
+    error = angle_between(found, np.where(right[:, None], others, exact))
+    assert error[mask].max() < 1

@@ -1,5 +1,6 @@
 """Lamps where they are: beside the lens they cost nothing more, once they are listed and there are mm."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -9,6 +10,7 @@ import endolab as el
 from endolab.io.found import load_found, save_found
 from endolab.model.lights import SpotLight
 from endolab.numerics.iteration import finish
+from endolab.reconstruction.contrast import explained_contrast
 from endolab.reconstruction.lamps import Lamps, divide_by_lamps
 from endolab.reconstruction.pipeline import find
 from endolab.reconstruction.prior_sigma import PriorSigma
@@ -40,7 +42,7 @@ def seen_by(scene, lamps, width=240):
         ("curved", ONE, {}, 0.4),  # 7.0 by one lamp at the centre
         ("tube", ONE, {}, 1.2),  # 17.2
         ("tube", PAIR, {}, 0.6),  # 1.8
-        ("colon", ONE, {}, 6.6),  # 19.0; 5.3 where the lamp is at the centre
+        ("colon", ONE, {}, 6.2),  # 19.0; 5.3 where the lamp is at the centre
         ("colon", ONE_SIDE, {}, 6.2),  # 9.6
         ("tube", ONE, {"channel": "green"}, 1.3),
         ("tube", ONE, {"solver": "fast_marching"}, 3.5),
@@ -56,6 +58,7 @@ def test_the_error_is_that_of_a_lamp_at_the_centre(scene, lamps, options, percen
     frame, known, seen = seen_by(scene, lamps)
     result = el.reconstruct(frame, known, **options)
     assert percent_off(result, seen, result.mask) < percent
+    assert explained_contrast(result) > 0.97  # beside cuts, too
     sentences = " ".join(meaning(result))
     assert all(f"({x:g}, {y:g}, {z:g})" in sentences for x, y, z in lamps)
 
@@ -84,7 +87,7 @@ def test_an_endoscope_whose_usual_distance_is_known_needs_no_length():
         assert not result.metric
         shape = result.distance / seen.distance
         errors.append(100 * np.nanmean(np.abs(shape / np.nanmedian(shape) - 1)))
-    assert max(errors) < 8  # of 17
+    assert max(errors) < 8.5  # of 17
 
 
 def test_lamps_that_are_listed_at_the_centre_change_no_bit():
@@ -103,8 +106,49 @@ def test_what_was_found_has_the_lamps_to_the_bit_and_follows_when_they_move(tmp_
     again = el.solve_found(load_found(tmp_path / "found.npz"), known)
     assert np.array_equal(again.distance, whole.distance, equal_nan=True)
     centred = relit(known, **vars(known.photometry.simplify()))
-    moved = el.solve_found(finish(find(frame, centred, Settings())), known)
+    found = finish(find(frame, centred, Settings()))
+    before, moved = (el.solve_found(found, one) for one in (centred, known))
     assert percent_off(moved, seen, moved.mask) < 4
+    (sentence,) = (text for text in meaning(moved) if "(6, 0, 0)" in text)
+    change = 100 * np.nanmean(np.abs(moved.distance / before.distance - 1))
+    assert float(re.search(r"by (\S+) % in the mean", sentence)[1]) == pytest.approx(
+        change, rel=0.3
+    )
+
+
+@pytest.mark.parametrize(
+    ("now", "options"),
+    [
+        ({"gamma": 1.7}, {}),
+        ({"lights": ()}, {}),
+        ({"gain": None}, {}),
+        ({"gain": None}, {"median_distance": 100.0}),
+    ],
+)
+def test_what_was_found_is_solved_as_if_anew_once_light_or_unit_are_others(
+    now, options
+):
+    frame, known, _ = seen_by("tube", ONE, 160)
+    how = {"channel": "green", "contours": False}
+    found = finish(find(frame, known, Settings(**how)))
+    other = relit(known, **now)
+    again = el.solve_found(found, other, **options)
+    anew = el.reconstruct(frame, other, **how, **options)
+    apart = again.distance / anew.distance
+    assert np.nanmean(np.abs(apart / np.nanmedian(apart) - 1)) < 0.012
+    assert [*warnings(again)] == [*warnings(anew)]
+    assert again.report.lamps == anew.report.lamps
+
+
+def test_a_start_keeps_the_lamps_and_takes_others():
+    frame, known, _ = seen_by("tube", ONE, 160)
+    first = el.reconstruct(frame, known)
+    finer = el.reconstruct(frame, known, start=first, lam=0.5)
+    assert np.array_equal(finer.problem.lamp_ratio, first.problem.lamp_ratio)
+    lamps = known.photometry.with_lamps(((-6.0, 0.0),))
+    other = el.reconstruct(frame, relit(known, lights=lamps.lights), start=first)
+    right, left = (one.problem.lamp_ratio for one in (first, other))
+    assert np.corrcoef(right[first.mask], left[first.mask])[0, 1] < 0
 
 
 def test_the_divided_picture_is_what_one_lamp_at_the_centre_makes():
@@ -127,3 +171,5 @@ def test_the_place_that_a_calibration_found_is_as_uncertain_as_it_says():
     assert PriorSigma.of(replace(known, evidence=stated)).lamp == pytest.approx(
         0.3 / np.sqrt(2)  # of the mean of two
     )
+    by_hand = replace(known, evidence=stated | {"lamps": "given"})
+    assert PriorSigma.of(by_hand).lamp == PriorSigma().lamp

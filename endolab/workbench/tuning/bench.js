@@ -46,7 +46,7 @@ function bench(host, { width, height, packed, knobs, nodes, brdf, sheet }) {
   const camera = { rays: new Float32Array(bytes.buffer), width, height }, half = Math.floor(height / 2) * width;
   const columns = Float32Array.from({ length: width }, (_, u) => u), radian = Math.PI / 180, ink = { ink: "#212121", faint: "#DDD" };
   const bar = add("div", "", host, { style: "display: grid; grid-template-columns: repeat(4, 1fr); gap: 2px 16px" });
-  const state = host.bench = { knobs, brdf, image: null, drawn: 0 };
+  const state = host.bench = { knobs, brdf, image: null, misread: null, drawn: 0 };
   let kept = null, asked = false;
   const ask = () => { if (!asked) asked = requestAnimationFrame(draw); };
   for (const [name, label, low, high, step, title, log] of KNOBS) {
@@ -76,7 +76,6 @@ function bench(host, { width, height, packed, knobs, nodes, brdf, sheet }) {
     return { ...one, scale: { ...scale, palette: GREYS } };
   });
   const picture = panel(340, tall, lower), profile = panel(300, tall, lower), curve = panel(300, tall, lower);
-  profile.title.textContent = "I in the middle row";
   curve.title.textContent = "f_r(θ): drag its nodes";
   let places = null; // where the curve's axes lie
   const chart = ({ pen, canvas }, content) => {
@@ -100,7 +99,12 @@ function bench(host, { width, height, packed, knobs, nodes, brdf, sheet }) {
       lines.push({ x: columns, y: kept.subarray(half, half + width), colour: "#D55E00", name: "kept" });
     }
     picture.title.textContent = title;
-    chart(profile, { x: { label: "column u [px]", low: 0, high: width }, y: { label: "stored value I", low: 0, high: 1.05 }, lines });
+    // Whoever takes the lamp to be at the lens misreads d, as light goes with 1/d²: in %, at two dots of the middle row.
+    const centred = shade(camera, { ...knobs, lamp: 0 }, nodes, brdf)[4], two = [0.25, 0.75].map((share) => Math.round(share * width));
+    state.misread = two.map((u) => 100 * (Math.sqrt(centred[half + u] / maps[4][half + u]) - 1));
+    profile.title.textContent = `As if at the lens: d off by ${state.misread.map((off) => (Number.isFinite(off) ? off.toFixed(1) : "–")).join(" and ")} %`;
+    const read = two.map((x) => ({ x, y: image[half + x], colour: "#212121" }));
+    chart(profile, { x: { label: "column u [px]", low: 0, high: width }, y: { label: "I in the middle row", low: 0, high: 1.05 }, lines, dots: read });
     const angles = nodes.map((node) => node / radian), dots = angles.map((x, i) => ({ x, y: brdf[i], colour: "#0072B2" }));
     places = chart(curve, { x: { label: "incidence θ [°]", low: -3, high: 83 }, y: { label: "f_r [1/sr]", low: 0, high: 0.5 }, lines: [{ x: angles, y: brdf, colour: "#0072B2" }], dots });
     state.drawn += 1;

@@ -24,7 +24,8 @@ def bench(camera: Camera, photometry: Photometry) -> HTML:
     """Make the model's bench: a plane before an endoscope, its picture and the factors that make it.
 
     Vignetting, lamp, response, gain, BRDF and plane follow the hand; a picture may be kept, to compare
-    another setting with it.
+    another setting with it. A line tells by how much the distance is misread where the lamp, which may
+    stand beside the lens, is taken to be at it.
 
     Parameters
     ----------
@@ -37,7 +38,8 @@ def bench(camera: Camera, photometry: Photometry) -> HTML:
     Returns
     -------
     HTML
-        What a notebook shows; ``bench.image`` of its first element is the picture, stored values.
+        What a notebook shows; ``bench.image`` of its first element is the picture, stored values, and
+        ``bench.misread`` what is misread, %, a quarter of the width from its left and right.
     """
     wall = Plane(60.0, 20.0)
     knobs = {

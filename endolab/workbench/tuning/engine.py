@@ -38,7 +38,7 @@ from endolab.reconstruction.contrast import (
 )
 from endolab.reconstruction.found import Found
 from endolab.reconstruction.lamps import Lamps, divide_by_lamps
-from endolab.reconstruction.pipeline import find, solve_found
+from endolab.reconstruction.pipeline import are_as_found, find, solve_found
 from endolab.reconstruction.report import warnings
 from endolab.reconstruction.scale import to_scale
 from endolab.reconstruction.uncertainty import Uncertainty
@@ -60,6 +60,7 @@ PATH_LENGTH = 60  # iterates of the last run that can be looked at, at most
 PATH_BYTES = 24e6  # and of their maps
 KEPT_ANSWERS = 12  # beside the one on screen: as much room as their distances take
 KEPT_FINDS = 2  # so many times light and contours are kept
+LAMP_STEP = 3  # rows and columns from one pixel that lamps are asked of to the next
 FOLLOWS = "gauss_newton"  # the solver whose looks follow a hand
 WITH_ENERGY = (FOLLOWS, "primal_dual")
 
@@ -190,13 +191,13 @@ class Answer:
     @property
     def nbytes(self) -> int:
         """Of the maps that are its own."""
-        found = self.uncertainty
-        maps = (
-            []
-            if found is None
-            else [found.sigma, found.sigma_shape, *found.causes.values()]
-        )
-        return sum(one.nbytes for one in [self.result.iterate.log_distance, *maps])
+        maps = [self.result.iterate.log_distance]
+        sigma, problem, found = self.uncertainty, self.result.problem, self.still.found
+        if sigma is not None:
+            maps += [sigma.sigma, sigma.sigma_shape, *sigma.causes.values()]
+        if found is not None and problem.image is not found.problem.image:  # lamps moved
+            maps += 2 * [problem.image]  # and ω
+        return sum(one.nbytes for one in maps)
 
 
 def shown_as(iterate: Iterate, knobs: Knobs) -> Result:
@@ -533,9 +534,10 @@ def problem_of(wish: Knobs, still: Still, surface: Iterate) -> Problem:
     calibration = wish.calibration_of(still.subject)
     problem, _ = found.problem_with(settings, calibration)
     lamps = Lamps.of(calibration, settings)
-    if lamps is None or lamps.photometry.lights == found.believed.photometry.lights:
+    if lamps is not None and are_as_found(found, problem, lamps):
         return problem
-    return divide_by_lamps(problem, lamps.ratio(surface))
+    ratio = None if lamps is None else lamps.ratio(surface, LAMP_STEP)
+    return divide_by_lamps(problem, ratio)
 
 
 class Path:

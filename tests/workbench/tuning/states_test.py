@@ -34,6 +34,7 @@ STAY = {
     "k": [None, 1.5, 2.5],
     "gamma": [None, 1.9],
     "gain": [1.0, 2.0],
+    "lamp_x": [None, 4.0],
     "fov": [None, 100],
     "solver": ["gauss_newton", "primal_dual", "fast_marching", "facing"],
     "max_iterations": [None, 3],
