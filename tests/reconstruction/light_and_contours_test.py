@@ -120,8 +120,12 @@ def test_a_clipped_red_leaves_the_wall_to_green_and_blue(dry):
 
 
 def test_where_colours_tell_nothing_lines_of_the_picture_are_cut(odd, dry):
-    """Whatever the light is guessed to be, in the next frame, too."""
+    """Whatever the light is guessed to be, on however many pixels, in the next frame, too."""
     first = solved(odd, dry.calibration)
+    larger = solved(odd, dry.calibration, width=4 * WIDTH // 3)
+    assert larger.report.cut_links == pytest.approx(
+        4 / 3 * first.report.cut_links, rel=0.02
+    )
     assert first.report.contours is ContourOutcome.BY_LINES
     again = solved(odd, relit(dry.calibration, k=1.0))
     assert np.array_equal(again.problem.cuts, first.problem.cuts)
