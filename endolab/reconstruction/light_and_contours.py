@@ -77,6 +77,8 @@ LAMPS = "lamps"  # one channel, lit by lamps that stand aside
 GUESSED_STEEPNESS = 0.8
 # Share of a colour that is saturated from which on it may count nowhere.
 MOSTLY = 0.5
+# Factor by which a misfit may be another.
+NEARLY = 1.03
 # Of one channel, which tells nothing.
 NO_LIGHT = Light(LightOutcome.NO_COLOUR, np.empty(0), 0.0, 0.0)
 
@@ -116,6 +118,7 @@ class Separation:
     albedo: FloatArray
     min_steepness: float | None
     lamp_ratio: FloatArray | None = None  # ω, (h, w)
+    other_cut: tuple[float | None, float] | None = None  # see `Report`
 
     def cuts_of(self, colours: Sequence[Problem]) -> BoolArray | None:
         """Return the cuts of red, green and blue, on however many pixels."""
@@ -237,7 +240,7 @@ def separate(
 
     # Cut at ever less steep lines.
     outcome = ContourOutcome.NOT_ASKED
-    cuts = None
+    cuts = other_cut = None
     if contours is not False and light.outcome is LightOutcome.COMPUTED:
         outcome = ContourOutcome.NONE_CLEAR
         cuts = tissue_cuts(colours)
@@ -248,6 +251,12 @@ def separate(
         trials = yield from _try_contours(trial, colours, prior, number + 1)
         number += len(trials) - 1
         trial, outcome = choose(trials, always=bool(contours))
+        for doubt in (1 / NEARLY, NEARLY):
+            other, _ = choose(trials, bool(contours), doubt)
+            if other is not trial:
+                moved = other.surface.log_distance - trial.surface.log_distance
+                far_end = far_end_moves(trial.surface, moved)
+                other_cut = (other.min_steepness, far_end)
     # Lines that the energy chose, and those of tissue, are cut themselves on all pixels; where colours chose,
     # those are that are as steep. They are of the uncut surface's picture: the ι of a cut one is so large at
     # limbs and behind folds that it would make lines of its own there.
@@ -265,7 +274,7 @@ def separate(
         ratio, light = estimate_indirect(colours, surface, prior, per_pixel=True)
         trial = Trial(surface, light, ratio, steepness)
     lamp_ratio = colours[1].lamp_ratio
-    return Separation(trial, outcome, cuts, *lines_of, steepness, lamp_ratio)
+    return Separation(trial, outcome, cuts, *lines_of, steepness, lamp_ratio, other_cut)
 
 
 def _lit_by_lamps(
@@ -420,6 +429,7 @@ def _on_all_pixels(
         indirect_percent=tuple(percent),
         indirect_factor=light.factor,
         lamp=light.lamp,
+        other_cut=found.other_cut,
     )
     problem = in_units(replace(problem, report=report))
     problem = _with_contours(problem, outcome, trial.min_steepness)
@@ -524,16 +534,19 @@ def _try_contours(
     return trials
 
 
-def choose(trials: Sequence[Trial], always: bool = False) -> tuple[Trial, ContourOutcome]:
+def choose(
+    trials: Sequence[Trial], always: bool = False, doubt: float = 1.0
+) -> tuple[Trial, ContourOutcome]:
     """Return the trial that is taken, and what decided; the uncut one is the first.
 
     The uncut surface is not taken if there are to be contours `always`. Where colours do not tell it from
-    those that are cut, that one is taken whose log energy and cuts cost least.
+    those that are cut, that one is taken whose log energy and cuts cost least. The limit of misfits may be
+    another by a factor, `doubt`.
     """
     uncut = trials[0]
     allowed = trials[1:] if always and len(trials) > 1 else trials
     if _colours_tell(trials):
-        limit = _misfit_limit(allowed)
+        limit = doubt * _misfit_limit(allowed)
         allowed = [trial for trial in allowed if trial.light.misfit <= limit]
         if allowed[0] is not uncut:
             return allowed[0], ContourOutcome.BY_COLOURS
@@ -556,6 +569,13 @@ def _misfit_limit(trials: Sequence[Trial]) -> float:
     """Return the largest misfit at which a surface is as good as the best of these."""
     least = min(trial.light.misfit for trial in trials)
     return constants.MISFIT_LIMIT * max(trials[0].light.factor, 1.0) * least
+
+
+def far_end_moves(iterate: Iterate, moved: FloatArray) -> float:
+    """How much farther the farthest twentieth comes if log d changes by that, (H, W); the median stays."""
+    mask = iterate.mask
+    far = mask & (iterate.distance >= np.percentile(iterate.distance[mask], 95))
+    return float(np.expm1(np.median(moved[far]) - np.median(moved[mask])))
 
 
 def cut_at_contours(problem: Problem, min_steepness: float | None) -> Problem:
