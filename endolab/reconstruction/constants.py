@@ -13,9 +13,9 @@ TISSUE_ACROSS = 0.5  # likewise, in living tissue
 # Contours (`light_and_contours`)
 # How steep lines must be to be cut, one trial after the other.
 MIN_STEEPNESS = (0.07, 0.035, 0.018)
-# In living tissue, of log 1/I in red: .03, .04 and .05 keep 19, 17 and 16 of 22 jumps behind folds, and
-# make none on seven stretches of one wall.
-TISSUE_STEEPNESS = 0.05
+# In living tissue, of log 1/I in red on few pixels: .03, .04 and .05 keep 19, 16 and 14 of 22 jumps behind
+# folds, and make none on seven stretches of one wall.
+TISSUE_STEEPNESS = 0.04
 # Fraction of the energy that a cut as long as the picture's height must save, if only the energy speaks for
 # it: so gentle folds of a real phantom stay whole. And where no light bounced: there the picture is the
 # model's own, and its lines are to be trusted.

@@ -77,6 +77,8 @@ LAMPS = "lamps"  # one channel, lit by lamps that stand aside
 GUESSED_STEEPNESS = 0.8
 # Share of a colour that is saturated from which on it may count nowhere.
 MOSTLY = 0.5
+# Factor by which a misfit may be another.
+NEARLY = 1.03
 # Of one channel, which tells nothing.
 NO_LIGHT = Light(LightOutcome.NO_COLOUR, np.empty(0), 0.0, 0.0)
 
@@ -115,19 +117,16 @@ class Separation:
     indirect_ratio: FloatArray
     albedo: FloatArray
     min_steepness: float | None
-    in_tissue: bool = False  # whether they are looked for as in living tissue
     lamp_ratio: FloatArray | None = None  # ω, (h, w)
+    other_cut: tuple[float | None, float] | None = None  # see `Report`
 
     def cuts_of(self, colours: Sequence[Problem]) -> BoolArray | None:
         """Return the cuts of red, green and blue, on however many pixels."""
         shape = colours[1].mask.shape
         if self.cuts is not None:
             return resample_cuts(self.cuts, shape)
-        # Of red, in which vessels hardly show: colours that say no one E make lines where one is clipped.
-        picture = colours[0]
-        if not self.in_tissue:
-            picture = merge(colours, resample(self.indirect_ratio, shape), self.albedo)
-        return cut_at_contours(picture, self.min_steepness, self.in_tissue).cuts
+        picture = merge(colours, resample(self.indirect_ratio, shape), self.albedo)
+        return cut_at_contours(picture, self.min_steepness).cuts
 
 
 def light_and_contours(
@@ -241,19 +240,28 @@ def separate(
 
     # Cut at ever less steep lines.
     outcome = ContourOutcome.NOT_ASKED
-    in_tissue = contours is not False and light.outcome is LightOutcome.COMPUTED
-    if in_tissue:
-        outcome = ContourOutcome.BY_LINES
-        trial = replace(trial, min_steepness=constants.TISSUE_STEEPNESS)
+    cuts = other_cut = None
+    if contours is not False and light.outcome is LightOutcome.COMPUTED:
+        outcome = ContourOutcome.NONE_CLEAR
+        cuts = tissue_cuts(colours)
+        if cuts is not None:
+            outcome = ContourOutcome.BY_LINES
+            trial = replace(trial, min_steepness=constants.TISSUE_STEEPNESS)
     elif contours is not False:
         trials = yield from _try_contours(trial, colours, prior, number + 1)
         number += len(trials) - 1
         trial, outcome = choose(trials, always=bool(contours))
-    # Lines that the energy chose are cut themselves on all pixels; where colours chose, those are that are
-    # as steep. They are of the uncut surface's picture: the ι of a cut one is so large at limbs and behind
-    # folds that it would make lines of its own there.
-    by_energy = outcome is ContourOutcome.BY_ENERGY
-    cuts = trial.surface.problem.cuts if by_energy else None
+        for doubt in (1 / NEARLY, NEARLY):
+            other, _ = choose(trials, bool(contours), doubt)
+            if other is not trial:
+                moved = other.surface.log_distance - trial.surface.log_distance
+                far_end = far_end_moves(trial.surface, moved)
+                other_cut = (other.min_steepness, far_end)
+    # Lines that the energy chose, and those of tissue, are cut themselves on all pixels; where colours chose,
+    # those are that are as steep. They are of the uncut surface's picture: the ι of a cut one is so large at
+    # limbs and behind folds that it would make lines of its own there.
+    if outcome is ContourOutcome.BY_ENERGY:
+        cuts = trial.surface.problem.cuts
     steepness = trial.min_steepness
 
     # The best of these, ι refined per pixel.
@@ -266,7 +274,7 @@ def separate(
         ratio, light = estimate_indirect(colours, surface, prior, per_pixel=True)
         trial = Trial(surface, light, ratio, steepness)
     lamp_ratio = colours[1].lamp_ratio
-    return Separation(trial, outcome, cuts, *lines_of, steepness, in_tissue, lamp_ratio)
+    return Separation(trial, outcome, cuts, *lines_of, steepness, lamp_ratio, other_cut)
 
 
 def _lit_by_lamps(
@@ -329,16 +337,17 @@ def _separate_as_before(
     """Separate the picture from the surface of an earlier result, another frame's say."""
     steepness = None if contours is False else min_steepness_of(before)
     is_same = np.array_equal(before.problem.shown, full.shown)
-    in_tissue = steepness == constants.TISSUE_STEEPNESS
-    guessed = 1.0 if in_tissue else GUESSED_STEEPNESS
+    cuts = before.problem.cuts if is_same else None  # another frame has other lines
+    if steepness == constants.TISSUE_STEEPNESS and not is_same:
+        cuts = tissue_cuts(small.colours)
+        steepness = None if cuts is None else steepness
     lines = Separation(
         trial=Trial(before.iterate),
         contours=ContourOutcome.NONE_CLEAR,
-        cuts=before.problem.cuts if is_same else None,  # another frame has other lines
+        cuts=cuts,
         indirect_ratio=np.zeros((1, 1, 3)),
         albedo=prior.albedo,
-        min_steepness=guessed * (steepness or 0.0),
-        in_tissue=in_tissue,
+        min_steepness=GUESSED_STEEPNESS * (steepness or 0.0),
     )
     outcome = ContourOutcome.NONE_CLEAR
     if contours is False:
@@ -420,10 +429,9 @@ def _on_all_pixels(
         indirect_percent=tuple(percent),
         indirect_factor=light.factor,
         lamp=light.lamp,
+        other_cut=found.other_cut,
     )
     problem = in_units(replace(problem, report=report))
-    if outcome is ContourOutcome.BY_LINES and problem.cuts is None:
-        outcome = ContourOutcome.NONE_CLEAR
     problem = _with_contours(problem, outcome, trial.min_steepness)
     if outcome is ContourOutcome.BY_LINES:
         return problem, None
@@ -527,16 +535,19 @@ def _try_contours(
     return trials
 
 
-def choose(trials: Sequence[Trial], always: bool = False) -> tuple[Trial, ContourOutcome]:
+def choose(
+    trials: Sequence[Trial], always: bool = False, doubt: float = 1.0
+) -> tuple[Trial, ContourOutcome]:
     """Return the trial that is taken, and what decided; the uncut one is the first.
 
     The uncut surface is not taken if there are to be contours `always`. Where colours do not tell it from
-    those that are cut, that one is taken whose log energy and cuts cost least.
+    those that are cut, that one is taken whose log energy and cuts cost least. The limit of misfits may be
+    another by a factor, `doubt`.
     """
     uncut = trials[0]
     allowed = trials[1:] if always and len(trials) > 1 else trials
     if _colours_tell(trials):
-        limit = _misfit_limit(allowed)
+        limit = doubt * _misfit_limit(allowed)
         allowed = [trial for trial in allowed if trial.light.misfit <= limit]
         if allowed[0] is not uncut:
             return allowed[0], ContourOutcome.BY_COLOURS
@@ -561,21 +572,31 @@ def _misfit_limit(trials: Sequence[Trial]) -> float:
     return constants.MISFIT_LIMIT * max(trials[0].light.factor, 1.0) * least
 
 
-def cut_at_contours(
-    problem: Problem, min_steepness: float | None, in_tissue: bool = False
-) -> Problem:
-    """Cut the surface at the picture's lines that are steeper than this, if there are any.
+def far_end_moves(iterate: Iterate, moved: FloatArray) -> float:
+    """How much farther the farthest twentieth comes if log d changes by that, (H, W); the median stays."""
+    mask = iterate.mask
+    far = mask & (iterate.distance >= np.percentile(iterate.distance[mask], 95))
+    return float(np.expm1(np.median(moved[far]) - np.median(moved[mask])))
 
-    In tissue these are lines of log 1/I: a light's law that is guessed makes lines of
-    its own, and all less steep or steeper.
-    """
+
+def cut_at_contours(problem: Problem, min_steepness: float | None) -> Problem:
+    """Cut the surface at the picture's lines that are steeper than this, if there are any."""
     if min_steepness is None:
         return problem
-    log_d0 = problem.log_d0
-    if in_tissue:
-        log_d0 = -np.log(np.where(problem.mask, problem.image, 1.0))
-    cuts = find_contours(log_d0, problem.mask, in_tissue) > min_steepness
+    cuts = find_contours(problem.log_d0, problem.mask) > min_steepness
     return replace(problem, cuts=cuts if cuts.any() else None)
+
+
+def tissue_cuts(colours: Sequence[Problem]) -> BoolArray | None:
+    """Return where living tissue is cut, if anywhere.
+
+    Lines are those of log 1/I in red, in which vessels hardly show: a light's law that is guessed
+    makes lines of its own, and colours that say no one E where one is clipped.
+    """
+    red = colours[0]
+    log_dark = -np.log(np.where(red.mask, red.image, 1.0))
+    cuts = find_contours(log_dark, red.mask, in_tissue=True) > constants.TISSUE_STEEPNESS
+    return cuts if cuts.any() else None
 
 
 def nearest_pixels(old: tuple[int, ...], new: tuple[int, ...]) -> tuple[Any, ...]:

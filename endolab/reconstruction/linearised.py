@@ -14,7 +14,11 @@ import numpy as np
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.compiled import inner, pad_maps
 from endolab.numerics.stencils import CENTRAL, Differences, links
-from endolab.reconstruction.light_and_contours import nearest_pixels, resample_cuts
+from endolab.reconstruction.light_and_contours import (
+    far_end_moves,
+    nearest_pixels,
+    resample_cuts,
+)
 from endolab.solvers.energy import model_image
 from endolab.solvers.grid import Grid
 from endolab.solvers.multigrid import Multigrid
@@ -106,10 +110,7 @@ def on_fewer_pixels(iterate: Iterate, most: int = 400) -> Iterate:
 def far_end_by_gamma(iterate: Iterate, change: float) -> float:
     """How much farther the farthest twentieth comes if γ grows, as a fraction; the median stays."""
     few = on_fewer_pixels(iterate, 160)
-    mask = few.mask
     light = change * np.log(
         np.maximum(few.problem.image, 0.5 / 255)
     )  # of I^γ, its logarithm
-    moved = Linearised(few.problem, few.log_distance).to_light(light)
-    far = mask & (few.distance >= np.percentile(few.distance[mask], 95))
-    return float(np.expm1(np.median(moved[far]) - np.median(moved[mask])))
+    return far_end_moves(few, Linearised(few.problem, few.log_distance).to_light(light))

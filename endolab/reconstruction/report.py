@@ -112,6 +112,13 @@ def _of_contours(report: Report) -> Iterator[str]:
         yield f"Contours: the surface is cut over {report.cut_links:,} px ({report.contours.value})."
     else:
         yield "Contours: none is cut, as no line of the picture gives clear evidence."
+    if report.other_cut is not None:
+        steepness, moves = report.other_cut
+        how = "uncut" if steepness is None else f"cut at lines > {steepness:g}"
+        yield (
+            f"Two answers were near: {how} instead, the far end, a twentieth of the pixels, comes "
+            f"{100 * abs(moves):.2g} % {'farther' if moves > 0 else 'nearer'}, with the same median."
+        )
 
 
 def _of_scale(result: Result | Iterate) -> Iterator[str]:

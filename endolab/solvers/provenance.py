@@ -90,6 +90,9 @@ class Report:
     cut_links: int = 0  # between neighbours
     # Of log d₀ per 1/320 of the longer side; None if nothing is cut.
     min_steepness: float | None = None
+    # That of lines that would have been cut had misfits been 3 % other, None for none, and how much farther
+    # the far end then is, as a fraction; None if the choice was clear.
+    other_cut: tuple[float | None, float] | None = None
 
     # What fixed the unit of distances, other than the gain of the endoscope: "known distance", "known
     # diameter", "median distance", or "frame before" of a video; and that length as it was given.

@@ -120,8 +120,12 @@ def test_a_clipped_red_leaves_the_wall_to_green_and_blue(dry):
 
 
 def test_where_colours_tell_nothing_lines_of_the_picture_are_cut(odd, dry):
-    """Whatever the light is guessed to be, in the next frame, too."""
+    """Whatever the light is guessed to be, on however many pixels, in the next frame, too."""
     first = solved(odd, dry.calibration)
+    larger = solved(odd, dry.calibration, width=4 * WIDTH // 3)
+    assert larger.report.cut_links == pytest.approx(
+        4 / 3 * first.report.cut_links, rel=0.02
+    )
     assert first.report.contours is ContourOutcome.BY_LINES
     again = solved(odd, relit(dry.calibration, k=1.0))
     assert np.array_equal(again.problem.cuts, first.problem.cuts)
@@ -162,6 +166,14 @@ def test_what_is_cut_is_nearer_the_truth(name, most):
         for how in (False, True)
     )
     assert cut < min(most, uncut - 1.5)
+
+
+def test_a_choice_between_near_answers_is_said(data, separated):
+    """Its lines lose by 1 % of the misfit; of the other frame no less steep ones do."""
+    (case,) = (one for one in cases_of("rendered") if one.name == "colon_rough")
+    sentences = " ".join(notes(case.resize(WIDTH).solve()))
+    assert "cut at lines > 0.035 instead, the far end" in sentences
+    assert "instead" not in " ".join(notes(separated))
 
 
 def test_lines_that_the_energy_chose_are_those_that_are_cut(data):
