@@ -11,7 +11,7 @@ READY := $(VENV)/.ready
 
 FRAME  := $(DATA)/c3vd_trans_t1_a/0001_color.png
 NBVAL  := -p nbval -p tests.tools.notebook_timeouts -p tests.tools.notebook_solutions
-NBVAL  += --runxfail --nbval-lax --nbval-current-env --nbval-cell-timeout=60
+NBVAL  += --runxfail --nbval-lax --nbval-current-env --timeout=0  # a cell has its own limit
 
 .DEFAULT_GOAL := help
 .PHONY: help lab demo test test-slow attack html lint bench unseen traced lock clean
