@@ -30,7 +30,7 @@ def python(*words, program=sys.executable, cwd=None, timeout=200, **environment)
 
 
 def install(fresh, *what):
-    """Install into an environment, of the versions in the lock; skip where there is nothing to install from."""
+    """Install into an environment, of the versions in the lock; skip where no index is in reach."""
     command = ["-m", "uv", "pip", "install", "--python", fresh]  # quicker than pip
     command += ["-q", "-c", ROOT / "requirements.lock"]
     if python(*command, "setuptools").returncode:
