@@ -84,7 +84,7 @@ def executed(path, folder):
     notebook = nbformat.read(path, as_version=4)
     client = NotebookClient(
         notebook,
-        timeout=2 * cell_limit(),
+        timeout=round(2 * cell_limit()),
         resources={"metadata": {"path": str(path.parent)}},
         extra_arguments=["--IPKernelApp.log_level=ERROR"],
         store_widget_state=False,  # its script would come from the network
