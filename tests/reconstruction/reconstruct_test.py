@@ -13,6 +13,7 @@ from endolab.reconstruction.report import notes
 from endolab.solvers.provenance import ContourOutcome
 from endolab.solvers.solvers import SOLVERS, solve
 from tests.tools.problems import Shot
+from tests.tools.turns import TURNS, solve_turned
 
 CALIBRATION = datasets.load_calibration("simple")
 
@@ -220,31 +221,6 @@ def test_where_nothing_is_cut_no_line_is_steep_enough():
         before = el.reconstruct(frame, endoscope, start=before, contours=True)
         assert (before.report.cut_links > 0) is is_cut
         assert (before.report.min_steepness is not None) is is_cut
-
-
-TURNS = {
-    "mirrored": np.fliplr,
-    "upside down": lambda a: a[::-1, ::-1],
-    "transposed": lambda a: a.swapaxes(0, 1),
-}
-
-
-def solve_turned(frame, calibration, name, **options):
-    """Solve the turned picture."""
-    image, mask = (
-        np.ascontiguousarray(TURNS[name](a)) for a in (frame.image, frame.mask)
-    )
-    camera = calibration.camera
-    width, height = camera.width, camera.height
-    if name == "transposed":
-        changes = {"width": height, "height": width, "cx": camera.cy, "cy": camera.cx}
-        changes |= {"fx": camera.fy, "fy": camera.fx}
-    else:
-        changes = {"cx": width - 1 - camera.cx}
-        if name == "upside down":
-            changes["cy"] = height - 1 - camera.cy
-    known = el.Calibration(replace(camera, **changes), calibration.photometry)
-    return el.reconstruct(el.Frame(image, mask), known, **options)
 
 
 @pytest.fixture(scope="module")
