@@ -11,7 +11,7 @@ READY := $(VENV)/.ready
 
 FRAME  := $(DATA)/c3vd_trans_t1_a/0001_color.png
 NBVAL  := -p nbval -p tests.tools.notebook_timeouts -p tests.tools.notebook_solutions
-NBVAL  += --runxfail --nbval-lax --nbval-current-env --nbval-cell-timeout=60
+NBVAL  += --runxfail --nbval-lax --nbval-current-env --timeout=0  # a cell has its own limit
 
 .DEFAULT_GOAL := help
 .PHONY: help lab demo test test-slow attack html lint bench unseen traced lock clean
@@ -63,8 +63,8 @@ bench: $(READY) ## measure accuracy and speed
 	$(BIN)/python -m tests.benchmarks.causes
 	$(BIN)/python -m tests.benchmarks.uncertainty
 	$(BIN)/python -m tests.benchmarks.paper
-	$(BIN)/python -m tests.benchmarks.refit
-	$(BIN)/python -m tests.benchmarks.light traced
+	$(BIN)/python -m tests.research.refit
+	$(BIN)/python -m tests.research.light traced
 	$(BIN)/python -m tests.benchmarks.lam
 
 unseen: $(READY) ## score random frames that nobody tuned to; Mitsuba makes them first (20 minutes)
@@ -73,7 +73,7 @@ unseen: $(READY) ## score random frames that nobody tuned to; Mitsuba makes them
 
 traced: $(READY) ## path-trace the frames anew, with Mitsuba (about 10 minutes)
 	$(PIP) install --quiet 'mitsuba>=3.9'
-	$(BIN)/python -m tests.tools.make_traced_frames endolab/io/datasets/frames
+	$(BIN)/python -m tests.research.make_traced_frames endolab/io/datasets/frames
 
 lock: | $(BIN)/python ## renew requirements.lock from pyproject.toml
 	$(PIP) install --quiet uv

@@ -1,4 +1,6 @@
-"""Check the answers to the exercises: right, not yet, or how far off and a hint.
+"""Check the answers to the exercises: right, not yet, or what is wrong, and more of it each time.
+
+The first wrong answer is told its sign or order of magnitude, the second how far off it is, the third a hint.
 
 Each notebook imports its own: ``from checks import quickstart as check``. An exercise is a generator that
 takes an answer, and what of the notebook it rests on, and yields a `Part` for each thing that must be right.
@@ -49,11 +51,13 @@ class Part(NamedTuple):
     within: Any = 0.0  # how far off numbers may be, in the unit: one number, or one for each
     unit: str = ""
 
-    def wrong(self):
-        """Say how far off it is; nothing if it is right."""
+    def wrong(self, roughly=False):
+        """Say how far off it is, or `roughly` which way; nothing if it is right."""
         if self.found is None:
             return f"{self.name} is None."
-        if isinstance(self.right, str | bool):
+        if isinstance(self.right, bool):
+            return "" if self.found == self.right else f"{self.name} is {self.found}: it should not be."
+        if isinstance(self.right, str):
             return "" if self.found == self.right else f"{self.name} is not {self.found!r}."
         right = np.asarray(self.right)
         found = np.asarray(self.found, dtype=None if right.dtype == bool else float)
@@ -67,27 +71,47 @@ class Part(NamedTuple):
         off = float(np.max(np.abs(found - right)))
         if not isfinite(off):
             return f"{self.name} is not a finite number everywhere."
+        if roughly:
+            return f"{self.name} {way_off(found, right)}."
         how_far = f"{off:.2g} {self.unit}".strip()
         if right.ndim == 0:
             return f"{self.name} = {float(found):.4g} is off by {how_far}."
         return f"{self.name} is off by up to {how_far}."
 
 
+def way_off(found, right):
+    """Say which way numbers are off, where they are most."""
+    worst = np.argmax(np.abs(found - right))
+    found, right = float(found.flat[worst]), float(right.flat[worst])
+    if found * right < 0:
+        return "has the wrong sign"
+    size = "large" if abs(found) > abs(right) else "small"
+    times = max(abs(found), abs(right)) / max(min(abs(found), abs(right)), 1e-300)
+    return f"is much too {size}" if times > 3 else f"is of the right size, but too {size}"
+
+
 def exercise(hint):
     """Make a check of a generator of parts."""
 
     def decorated(parts):
+        count = 0  # of wrong answers, one after the other
+
         @wraps(parts)
         def check(*answer):
+            nonlocal count
             if any(part is ... for part in answer):
                 return Verdict(None, NOT_YET)
             try:
-                wrong = next((words for part in parts(*answer) if (words := part.wrong())), "")
+                found = (part.wrong(roughly=count == 0) for part in parts(*answer))
+                wrong = next(filter(None, found), "")
             except NotImplementedError:
                 return Verdict(None, NOT_YET)
             except Exception as error:  # whatever a student's own function raises
                 wrong = f"This answer ends in {type(error).__name__}: {error}."
-            return Verdict(False, f"{wrong} Hint: {hint}") if wrong else Verdict(True, "Right.")
+            count = count + 1 if wrong else 0
+            if not wrong:
+                return Verdict(True, "Right.")
+            return Verdict(False, f"{wrong} Hint: {hint}" if count > 2 else wrong)
 
         return check
 
@@ -330,10 +354,11 @@ def gauss_newton_step(step):
     delta = np.linalg.solve(matrix, -j.T @ (w * e) - 0.1 * b.T @ (u * s))
     new = np.asarray(step(v.copy(), data, bend, cost, 0.1), dtype=float)
     share = min(0.5 ** np.arange(12), key=lambda one: np.linalg.norm(new - v - one * delta))
-    yield Part("the new map", new, v + share * delta, 0.02 * share * np.abs(delta).max(), "(log d)")
+    step_of = share * delta
+    yield Part("your step, new map − old,", new - v, step_of, 0.02 * np.abs(step_of).max(), "in log d")
     far = problem.log_d0.ravel() + np.log(2)  # from where the whole step overshoots
     falls = cost(step(far.copy(), data, bend, cost, 0.1)) < cost(far)
-    yield Part("that the energy falls from twice d₀", bool(falls), True)
+    yield Part("whether the energy falls from twice d₀, where the whole step overshoots,", bool(falls), True)
 
 
 @exercise("1/z of a plane is linear in the pixel of a pinhole, so that its second differences are nothing.")

@@ -45,11 +45,15 @@ def test_no_answer_yet(checks):
         assert not verdict
 
 
-def test_a_wrong_answer_is_told_by_how_much_and_with_its_unit(checks):
-    verdict = checks.brightness_to_depth.exercise_1(50.0)
-    assert verdict.right is False
-    assert "off by 2" in verdict.words
-    assert "°" in verdict.words
+def test_a_wrong_answer_is_told_which_way_then_by_how_much_then_a_hint(checks):
+    first, second, third = (
+        checks.brightness_to_depth.exercise_1(answer) for answer in (-50.0, 50.0, 50.0)
+    )
+    assert first.right is False
+    assert "wrong sign" in first.words
+    assert "off by 2" in second.words
+    assert "°" in second.words
+    assert ["Hint" in one.words for one in (first, second, third)] == [0, 0, 1]
     verdict = checks.geometric_calibration.exercise_2(1.0, 1 / 0.97, 1 / 0.97)
     assert "gain" in verdict.words
 
@@ -57,7 +61,8 @@ def test_a_wrong_answer_is_told_by_how_much_and_with_its_unit(checks):
 @pytest.mark.parametrize("answer", [None, "many", [1, 2], np.nan, lambda: 3])
 def test_nonsense_is_no_crash(checks, answer):
     fit = SimpleNamespace(views=range(10), standard_errors={"fx": 0.04})
-    verdict = checks.geometric_calibration.exercise_1(answer, fit)
+    for _ in range(3):
+        verdict = checks.geometric_calibration.exercise_1(answer, fit)
     assert verdict.right is False
     assert "Hint" in verdict.words
 

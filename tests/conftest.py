@@ -36,7 +36,7 @@ os.environ.setdefault("ENDOLAB_DATA", str(ROOT.parent / "shared/data"))
 # Folders: what opens a browser, kills, fills a disk, measures; what goes through no reconstruction; what only
 # reads the code.
 MARKS = {
-    "slow": ("browser", "hostile", "benchmarks"),
+    "slow": ("browser", "hostile", "benchmarks", "research"),
     "quick": ("numerics", "model", "frames", "synthetic", "solvers", "metrics", "io"),
     "lint": ("lint",),
 }
@@ -89,7 +89,7 @@ def trace() -> object:
         reason='Mitsuba is not installed: python -m pip install "mitsuba>=3.9"',
     )
     try:
-        from tests.tools import path_tracing
+        from tests.research import path_tracing
     except OSError as error:
         pytest.skip(str(error))
     return path_tracing.trace

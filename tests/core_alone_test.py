@@ -1,4 +1,4 @@
-"""The core without its extras: it installs and reconstructs, and says in a sentence what is missing."""
+"""Installed: the core without its extras, which says what is missing, and a wheel with the lab."""
 
 import os
 import shutil
@@ -22,30 +22,41 @@ SENTENCE = '{} is not installed; pip install "endolab[lab]" brings it'
 HERE = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
 
 
-def python(*words, program=sys.executable, cwd=None, **environment):
+def python(*words, program=sys.executable, cwd=None, timeout=200, **environment):
     """Run Python in a process of its own, on which this checkout's path is not set."""
     command = [program, *map(str, words)]
-    how = {"capture_output": True, "text": True, "timeout": 200, "cwd": cwd}
+    how = {"capture_output": True, "text": True, "timeout": timeout, "cwd": cwd}
     return subprocess.run(command, env=HERE | environment, **how)
+
+
+def install(fresh, *what):
+    """Install into an environment, of the versions in the lock; skip where no index is in reach."""
+    command = ["-m", "uv", "pip", "install", "--python", fresh]  # quicker than pip
+    command += ["-q", "-c", ROOT / "requirements.lock"]
+    if python(*command, "setuptools").returncode:
+        pytest.skip("no package can be installed here: the index is out of reach")
+    done = python(*command, *what, timeout=1500)
+    assert done.returncode == 0, done.stderr
+
+
+def copy_source(folder):
+    """Copy what the package is built of: a build leaves files beside it."""
+    source = folder / "source"
+    left_out = shutil.ignore_patterns("__pycache__")
+    shutil.copytree(ROOT / "endolab", source / "endolab", ignore=left_out)
+    for name in ("pyproject.toml", "README.md", "LICENSE"):
+        shutil.copy(ROOT / name, source)
+    return source
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     """Run the Python of a fresh environment that holds the core alone, of the versions in the lock."""
     folder = tmp_path_factory.mktemp("alone")
-    source = folder / "source"
+    source = copy_source(folder)
     fresh = folder / "venv/bin/python"
-    left_out = shutil.ignore_patterns("__pycache__")
-    shutil.copytree(ROOT / "endolab", source / "endolab", ignore=left_out)
-    for name in ("pyproject.toml", "README.md", "LICENSE"):
-        shutil.copy(ROOT / name, source)
     python("-m", "venv", folder / "venv")
-    install = ["-m", "uv", "pip", "install", "--python", fresh]  # quicker than pip
-    for what in (["setuptools"], ["--no-build-isolation", source]):
-        done = python(*install, "-q", "-c", ROOT / "requirements.lock", *what)
-        if done.returncode and what == ["setuptools"]:
-            pytest.skip("no package can be installed here: the index is out of reach")
-        assert done.returncode == 0, done.stderr
+    install(fresh, "--no-build-isolation", source)
     yield lambda *words: python("-W", "error", *words, program=fresh, cwd=folder)
     shutil.rmtree(folder)  # some 600 MB
 
@@ -63,6 +74,34 @@ def test_the_core_alone_simulates_and_reconstructs(run):
         assert SENTENCE.format("rerun") in done.stdout
     done = run("-m", "endolab", "evaluate", "out0/depth.npz", "sim/truth.npz")
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize("version", ["3.11", "3.12", "3.13"])
+def test_a_wheel_with_the_lab_works_in_a_bare_environment(version, tmp_path):
+    program = shutil.which(f"python{version}")
+    if program is None or python("-c", "", program=program).returncode:
+        pytest.skip(f"Python {version} is not on this machine")
+    build = ["wheel", "-q", "--no-deps", "--no-build-isolation", "-w", tmp_path]
+    done = python("-m", "pip", *build, copy_source(tmp_path))
+    assert done.returncode == 0, done.stderr
+    (wheel,) = tmp_path.glob("*.whl")
+    fresh = tmp_path / "venv/bin/python"
+    assert python("-m", "venv", tmp_path / "venv", program=program).returncode == 0
+    install(fresh, f"{wheel}[lab]")
+    for words in (
+        "simulate colon --width 96 --out sim",
+        "reconstruct sim/frame.png --calibration sim/endoscope.json --out out",
+        "tune sim/frame.png --calibration sim/endoscope.json --html page.html",
+        "target vicalib_folded --out sheet.pdf",
+    ):
+        how = {"program": fresh, "cwd": tmp_path, "timeout": 600}
+        done = python("-m", "endolab", *words.split(), **how)
+        assert done.returncode == 0, done.stderr
+    assert (tmp_path / "out/recording.rrd").is_file()
+    code = "import endolab as el; el.load_traced('matt'); el.load_calibration('c3vd')"
+    assert python("-c", code, program=fresh, cwd=tmp_path).returncode == 0
 
 
 @pytest.fixture

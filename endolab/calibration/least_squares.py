@@ -319,8 +319,8 @@ def hold_out(
     """
     parts = min(constants.PARTS, frame.max() + 1)
     variance = np.diag(fitted.covariance)
-    told = np.flatnonzero((variance > 0) & np.isfinite(variance))
-    certainty = np.linalg.inv(fitted.covariance[np.ix_(told, told)])
+    free = np.flatnonzero((variance > 0) & np.isfinite(variance))
+    certainty = np.linalg.inv(fitted.covariance[np.ix_(free, free)])
     squares = np.full(len(frame), np.inf)
     lengths = []
     for part in range(parts):
@@ -335,12 +335,12 @@ def hold_out(
             predicted = fit(others, common, own)
         except (ValueError, ArithmeticError):
             continue
-        off = (common - fitted.common)[told]
+        off = (common - fitted.common)[free]
         lengths.append(off @ certainty @ off)
         good = others.usable(common, predicted.own)
         squares[held] = np.where(good, np.sum(predicted.residual**2, axis=1), np.nan)
     if lengths:
-        q = (parts - 1) * np.median(lengths) / (len(told) - 2 / 3)
+        q = (parts - 1) * np.median(lengths) / (len(free) - 2 / 3)
         fitted = replace(
             fitted,
             covariance=q * fitted.covariance,

@@ -1,6 +1,6 @@
 """Constants of light and contours that were chosen on frames whose truth is known.
 
-`tests/benchmarks/refit.py` chooses them anew. Code reads them as ``constants.NAME``.
+`tests/research/refit.py` chooses them anew. Code reads them as ``constants.NAME``.
 """
 
 # Lines (`lines`): lengths in 1/320 of the longer side, slopes in log d₀ per such a length.

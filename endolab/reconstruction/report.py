@@ -513,7 +513,8 @@ def describe(
         worse = "" if explained >= 0 else ", worse than a flat wall"
         parts.append(f"explains {100 * max(explained, 0):.1f} %{worse}")
     if errors is not None:
-        parts.append(f"error: mean {errors[0]:.1f} %, median {errors[1]:.1f} %")
+        mean, median = (f"{error:.{2 if error < 1 else 1}f} %" for error in errors)
+        parts.append(f"error: mean {mean}, median {median}")
     if reached == "look":
         ended = "follows the hand"
     elif reached == "iterate":

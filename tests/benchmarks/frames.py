@@ -14,8 +14,8 @@ import endolab as el
 from endolab import datasets
 from endolab.metrics.depth_errors import resample_truth
 from endolab.numerics.arrays import FloatArray
-from tests.benchmarks.known_surface import measure_light
-from tests.tools import random_frames
+from tests.research import random_frames
+from tests.research.known_surface import measure_light
 from tests.tools.problems import Shot, errors_of
 
 NOMINAL = el.Photometry(2.5, 2.2, None, el.Lambertian((0.75, 0.38, 0.30)))

@@ -13,7 +13,8 @@ import numpy as np
 
 import endolab as el
 from tests.benchmarks.frames import table
-from tests.tools.problems import TURNS, Shot, solve_turned
+from tests.tools.problems import Shot
+from tests.tools.turns import TURNS, solve_turned
 
 HEADS = ("frame", "", "error %", *TURNS)
 

@@ -1,4 +1,4 @@
-"""Pages of notebooks in a browser: folds, a surface."""
+"""Pages of notebooks in a browser: folds, a surface, a recording beside them."""
 
 import nbformat
 import pytest
@@ -26,11 +26,15 @@ Therefore.
 """
 
 
-SURFACE = """import endolab as el
+SURFACE = """import tempfile
+from pathlib import Path
+import endolab as el
 calibration = el.load_calibration("paper", width=64)
 scene = el.render(el.SCENES["plane"], calibration.camera, calibration.photometry)
 known = el.Calibration(scene.camera, scene.photometry)
-el.show_surface(el.reconstruct(el.Frame(scene.image, scene.mask), known, channel="green"))
+recorder = el.record(Path(tempfile.mkdtemp()) / "run.rrd")
+frame = el.Frame(scene.image, scene.mask)
+el.show_surface(el.reconstruct(frame, known, channel="green", observers=[recorder]))
 """
 
 
@@ -59,6 +63,7 @@ def test_a_solution_is_in_view_where_it_was_asked_for(
     # pdoc's affair and the tuner's, and half a minute.
     monkeypatch.setattr(pages, "write_beside", lambda _: None)
     pages.render_pages(notebooks, tmp_path / "html", solutions)
+    assert (tmp_path / "html" / "run.rrd").is_file()
     page = browser.new_page()
     outside = []
     page.on("request", lambda request: outside.append(request.url))

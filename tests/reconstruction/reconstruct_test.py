@@ -12,7 +12,8 @@ from endolab.reconstruction.problem_of_frame import make_problem
 from endolab.reconstruction.report import notes
 from endolab.solvers.provenance import ContourOutcome
 from endolab.solvers.solvers import SOLVERS, solve
-from tests.tools.problems import TURNS, Shot, solve_turned
+from tests.tools.problems import Shot
+from tests.tools.turns import TURNS, solve_turned
 
 CALIBRATION = datasets.load_calibration("simple")
 

@@ -93,6 +93,8 @@ def test_the_line_says_what_is_known():
     """A look was solved on few pixels; stages counted from 0 again; −64.6 % were explained."""
     result = Shot("plane", el.load_calibration("paper", width=32)).reconstruct()
     assert "explains" not in describe(result, 0.957, "look", None)
+    line = describe(result, 0.957, "final", (5.0, 0.094))
+    assert "mean 5.0 %, median 0.09 %" in line
     assert "explains 0.0 %, worse" in describe(result, -0.646, "final", None)
     folds = replace(result, iterate=replace(result.iterate, stage=CONTOURS))
     assert describe(folds, 0.5, "iterate", None) == "looking for folds"

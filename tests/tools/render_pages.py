@@ -1,7 +1,8 @@
 """Static pages of the notebooks, run and rendered: ``python -m tests.tools.render_pages notebooks out``.
 
-nbconvert makes them; a reference, by pdoc, and a tuner lie beside them. They need no network and no kernel,
-link to each other, and fold away hints, solutions (``--solutions`` opens them) and hidden code.
+nbconvert makes them; a reference, by pdoc, a tuner and the notebooks' recordings lie beside them. They need
+no network and no kernel, link to each other, and fold away hints, solutions (``--solutions`` opens them) and
+hidden code.
 """
 
 import os
@@ -9,6 +10,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tempfile
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -21,11 +23,15 @@ from nbconvert.filters.markdown_mistune import IPythonRenderer, MarkdownWithMath
 
 import endolab as el
 from endolab.io.atomic import stage_folder
+from tests.tools.notebook_timeouts import cell_limit
 
 ROOT = Path(__file__).resolve().parents[2]
 LECTURERS = ("ANSWERS", "MISTAKES")  # texts that are not for students
 WIDGET = "application/vnd.jupyter.widget-view+json"
-NO_WIDGET = "(Here are controls that need a kernel: open the notebook in JupyterLab to use them.)"
+NO_WIDGET = (
+    "<p>Here is the tuner, if you open the notebook in JupyterLab. A page of its own has one "
+    'that needs no Python: <a href="try_it.html"><b>try it</b></a>.</p>'
+)
 LINK = re.compile(r"(\]\()([^)#\s]+)([^)]*\))")
 SOLUTION = re.compile(r"<details>(?=\s*<summary>Solution)")
 
@@ -69,24 +75,31 @@ def with_links(text, path, out, names):
     return LINK.sub(moved, text)
 
 
-def executed(path):
-    """A notebook that was run, with text in place of what needs a kernel; raises what a cell raises."""
+def executed(path, folder):
+    """A notebook that was run, with a link in place of the tuner; raises what a cell raises.
+
+    The recordings that it made are copied into `folder`.
+    """
     print(path.name, flush=True)
     notebook = nbformat.read(path, as_version=4)
     client = NotebookClient(
         notebook,
-        timeout=120,
+        timeout=round(2 * cell_limit()),
         resources={"metadata": {"path": str(path.parent)}},
         extra_arguments=["--IPKernelApp.log_level=ERROR"],
         store_widget_state=False,  # its script would come from the network
     )
     inline = "module://matplotlib_inline.backend_inline"
-    client.execute(env=os.environ | {"MPLBACKEND": inline, "PYTHONPATH": str(ROOT)})
+    with tempfile.TemporaryDirectory() as made:
+        more = {"MPLBACKEND": inline, "PYTHONPATH": str(ROOT), "TMPDIR": made}
+        client.execute(env=os.environ | more)
+        for recording in Path(made).rglob("*.rrd"):
+            shutil.copy(recording, folder)
     for cell in notebook.cells:
         for output in cell.get("outputs", ()):
             data = output.get("data", {})
             if data.pop(WIDGET, None) and "image/png" not in data:
-                data["text/plain"] = NO_WIDGET
+                data["text/html"] = NO_WIDGET
     return notebook
 
 
@@ -96,7 +109,7 @@ def write_beside(folder):
     pdoc += ["--no-show-source", "--no-search", "-o", folder / "api"]
     subprocess.run(pdoc, cwd=ROOT, check=True)
     tuner = el.tune(scene="colon", width=320)
-    tuner.export_html(folder / "tuner.html")
+    tuner.export_html(folder / "try_it.html")
     tuner.close()
 
 
@@ -124,7 +137,7 @@ def render_pages(notebooks, out, solutions=False):
                 cell = nbformat.v4.new_markdown_cell(path.read_text(encoding="utf-8"))
                 notebook = nbformat.v4.new_notebook(cells=[cell])
             else:
-                notebook = executed(path)
+                notebook = executed(path, folder)
             for cell in notebook.cells:
                 if cell.cell_type == "markdown":
                     cell.source = with_links(cell.source, path, target, names)

@@ -13,7 +13,7 @@ from endolab.numerics.checks import PATH, check_int, check_kinds, unknown_name
 # - paper: the paper's endoscope (Section IV-A) over tissue of a colon's mean albedo.
 # - simple: a camera without distortion and 90° wide, for the simple scenes.
 # - c3vd: C3VD (Bobrow et al., 2023), its omnidirectional camera; its light and lamp by
-#   `tests.benchmarks.known_surface` on two frames of one scene, so that its errors are large.
+#   `tests.research.known_surface` on two frames of one scene, so that its errors are large.
 # - c3vd_v2: C3VDv2 (Golhar et al., 2025), the camera that it comes with; its light is C3VD's, of the same
 #   endoscope.
 # - simcol3d: SimCol3D (Rau et al., 2023), published with the picture's corner as origin, c = 237.5. Its

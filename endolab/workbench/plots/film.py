@@ -48,6 +48,9 @@ SCRIPT = """((host, labels, pictures) => {
 })"""
 
 
+GREEK = {"beta": "β", "gamma": "γ", "omega": "ω"}
+
+
 def film(
     draw: Callable[..., object], **positions: Iterable[Any] | Mapping[str, Any]
 ) -> HTML:
@@ -59,7 +62,7 @@ def film(
         Draws a new figure with Matplotlib's pyplot for the values of the sliders; its defaults, if
         it has any, are shown at first.
     **positions : iterable of values, or mapping of names to values
-        A slider; ▶ moves the first.
+        A slider, with a Greek letter where its name is one's; ▶ moves the first.
 
     Returns
     -------
@@ -97,7 +100,8 @@ def film(
     for name, slider in sliders.items():
         values = list(slider.values())
         first = values.index(usual[name].default) if usual[name].default in values else 0
-        parts.append(SLIDER.format(name=name, last=len(values) - 1, first=first))
+        shown = GREEK.get(name, name)
+        parts.append(SLIDER.format(name=shown, last=len(values) - 1, first=first))
     labels = json.dumps([list(slider) for slider in sliders.values()])
     return HTML(
         PAGE.format(

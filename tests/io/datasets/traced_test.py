@@ -5,8 +5,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from endolab.io.datasets.traced import load_traced
-from tests.tools.make_traced_frames import CASES
-from tests.tools.mucosa import VEIL
+from tests.research.make_traced_frames import CASES
+from tests.research.mucosa import VEIL
 
 
 @pytest.mark.parametrize("name", CASES)

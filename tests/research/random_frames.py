@@ -24,7 +24,7 @@ from endolab.model.cameras import KannalaBrandt, Pinhole
 from endolab.model.endoscope import Calibration
 from endolab.model.lights import SpotLight
 from endolab.model.photometry import Photometry
-from tests.tools.cavities import Cavity, Fold, Polyp
+from tests.research.cavities import Cavity, Fold, Polyp
 
 FOLDER = Path(__file__).resolve().parents[2] / "build" / "unseen"
 COUNT = 24
@@ -213,7 +213,7 @@ def frame_of(seed):
     Kinds of cavity take turns; the gain gives the exposure. The calibration is the one that a user
     would have: one light at the optical centre, perhaps one albedo.
     """
-    from tests.tools.path_tracing import stored, trace
+    from tests.research.path_tracing import stored, trace
 
     kind = tuple(RADII)[seed % len(RADII)]
     for attempt in itertools.count():

@@ -31,8 +31,8 @@ import numpy as np
 from endolab.model.lights import SpotLight
 from endolab.numerics.arrays import FloatArray
 from endolab.synthetic.rendering import Rendered, develop, expose, truth_of
+from tests.research.mucosa import ROUGHNESS, VEIL, film_radiance, rippled, tissue
 from tests.tools.meshes import mesh_of
-from tests.tools.mucosa import ROUGHNESS, VEIL, film_radiance, rippled, tissue
 
 OLDEST_LLVM = 16  # older ones abort on processors with AVX-512
 SURE_BOUNCES = 3  # before the roulette

@@ -1,6 +1,6 @@
 """Path-trace the frames that come with endolab anew, with Mitsuba.
 
-`python -m tests.tools.make_traced_frames FOLDER [NAMES]` makes them; `endolab.io.datasets.traced` reads
+`python -m tests.research.make_traced_frames FOLDER [NAMES]` makes them; `endolab.io.datasets.traced` reads
 them and says what a file holds.
 """
 
@@ -88,7 +88,7 @@ def write(path, traced, scene, options):
 
 
 if __name__ == "__main__":
-    from tests.tools.path_tracing import trace
+    from tests.research.path_tracing import trace
 
     folder = Path(sys.argv[1])
     for name in tqdm(sys.argv[2:] or CASES, unit="frame"):

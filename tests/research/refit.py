@@ -1,6 +1,6 @@
 """What the constants of light and contours would be if they were chosen now.
 
-    python -m tests.benchmarks.refit [CONSTANT]...
+    python -m tests.research.refit [CONSTANT]...
 
 Each is varied alone on every third frame of the open sets, of 240 px, on which light and contours are found.
 Told are the value of least error, by all frames and by each half of them, and what the error becomes with the

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from endolab.model.cameras import Pinhole
-from tests.tools.cavities import Cavity, Fold, Polyp
+from tests.research.cavities import Cavity, Fold, Polyp
 
 PINHOLE = Pinhole(24, 18, 15.0, 15.0, 11.5, 8.5)
 RINGS = tuple(

@@ -1,6 +1,6 @@
 """How well k is told by frames of an endoscope whose light is not known, and what it is worth.
 
-    python -m tests.benchmarks.light [open | sealed | traced | c3vd]...
+    python -m tests.research.light [open | sealed | traced | c3vd]...
 
 A row for each frame: the true k, what the frame alone tells, and the mean error of the distance, scaled by
 its median, with the true k, with the one that was found, and with 2.5. Albedos are not told. No test: it

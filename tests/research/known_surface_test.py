@@ -7,7 +7,7 @@ import pytest
 
 import endolab as el
 from endolab import datasets
-from tests.benchmarks.known_surface import measure_light
+from tests.research.known_surface import measure_light
 
 DARK = (0.06, 0.05, 0.04)  # albedos of a wall from which hardly anything bounces
 
