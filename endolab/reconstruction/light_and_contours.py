@@ -73,10 +73,6 @@ BOUNCED = "bounced light"  # three colours, likewise
 CONTOURS = "contours"  # cut
 LAMPS = "lamps"  # one channel, lit by lamps that stand aside
 
-# Before indirect light is known, lines are less steep by this factor.
-GUESSED_STEEPNESS = 0.8
-# Share of a colour that is saturated from which on it may count nowhere.
-MOSTLY = 0.5
 # Of one channel, which tells nothing.
 NO_LIGHT = Light(LightOutcome.NO_COLOUR, np.empty(0), 0.0, 0.0)
 
@@ -330,7 +326,8 @@ def _separate_as_before(
     steepness = None if contours is False else min_steepness_of(before)
     is_same = np.array_equal(before.problem.shown, full.shown)
     in_tissue = steepness == constants.TISSUE_STEEPNESS
-    guessed = 1.0 if in_tissue else GUESSED_STEEPNESS
+    # Before indirect light is known, lines are less steep.
+    guessed = 1.0 if in_tissue else 0.8
     lines = Separation(
         trial=Trial(before.iterate),
         contours=ContourOutcome.NONE_CLEAR,
@@ -632,7 +629,7 @@ def merge(
         if colour.evidence is not None:
             kind[:] = colour.evidence
         kind[~colour.mask] = NONE
-        if not agree and np.mean(kind[colour.mask] == LOWER_BOUND) > MOSTLY:
+        if not agree and np.mean(kind[colour.mask] == LOWER_BOUND) > 0.5:
             kind[:] = NONE
     evidence = kinds.min(axis=0)  # EXACT before LOWER_BOUND before NONE
     total = np.zeros(mask.shape)

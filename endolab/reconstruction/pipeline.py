@@ -62,20 +62,6 @@ from endolab.solvers.result import (
 )
 from endolab.solvers.solvers import check_solver_options, options_of
 
-# The solver ends when two steps change distances by less than this fraction, root mean square. It is more for
-# a surface that is cut, under the energy for which its start was found: pieces that are joined at few pixels
-# creep long after that. Under another it has a way to go, and would seem to rest long before.
-SETTLED_CUT = 1e-2
-SETTLED = 5e-4
-# Of the lamps' ω, where they or the unit are others than it was found with: steps of each round, and log of
-# the median distance from which on the unit is another.
-MOVED_ROUNDS = (2, 2, 2, 2)
-MOVED = 0.05
-RESTS = 0.005  # of log d, by which another ω moves it
-RATIO_STEP = (
-    3  # of every so many-th row and column ω is asked, where a hand or a doubt waits for it
-)
-
 
 @check_kinds(frame=Frame, calibration=Calibration, start=Result)
 @takes_settings
@@ -273,12 +259,15 @@ def find(
 
 
 def _moves(problem: Problem, start: FloatArray, lamps: Lamps) -> bool:
-    """Whether ω of the surface on all pixels would move half of the distances by more than `RESTS`."""
-    few = slice(None, None, RATIO_STEP)
-    ratio = lamps.ratio(Iterate(problem, 0, start, {}), RATIO_STEP)
+    """Whether ω of the surface on all pixels would move half of log d by more than 0.005.
+
+    It is asked of every third row and column, as a hand or a doubt waits for it.
+    """
+    few = slice(None, None, 3)
+    ratio = lamps.ratio(Iterate(problem, 0, start, {}), 3)
     assert problem.lamp_ratio is not None
     moved = np.abs(np.log(ratio / problem.lamp_ratio[few, few])) / 2
-    return bool(np.median(moved[problem.mask[few, few]]) > RESTS)
+    return bool(np.median(moved[problem.mask[few, few]]) > 0.005)
 
 
 def are_as_found(found: Found, problem: Problem, lamps: Lamps) -> bool:
@@ -291,7 +280,7 @@ def are_as_found(found: Found, problem: Problem, lamps: Lamps) -> bool:
         for one, of in ((before, found.problem), (lamps, problem))
     )
     same = lamps.photometry.lights == before.photometry.lights
-    return same and abs(np.log(now / was)) < MOVED
+    return same and abs(np.log(now / was)) < 0.05
 
 
 def solve(found: Found, settings: Settings, calibration: Calibration) -> Solver:
@@ -303,13 +292,17 @@ def solve(found: Found, settings: Settings, calibration: Calibration) -> Solver:
     elif not are_as_found(found, problem, lamps):
         if start is not None:
             problem = divide_by_lamps(problem, lamps.ratio(Iterate(problem, 0, start, {})))
-        problem, start = yield from settle_lamps(problem, start, lamps, MOVED_ROUNDS)
+        problem, start = yield from settle_lamps(problem, start, lamps, (2, 2, 2, 2))
     is_near = settings.energy == found.settings.energy and problem.is_lit_as(found.problem)
     offered: dict[str, Any] = {
         "start": start,
         "halvings": found.halvings,
         "converged_at": found.converged_at,
-        "settled": SETTLED_CUT if is_near and problem.cuts is not None else SETTLED,
+        # The solver ends when two steps change distances by less than this fraction, root mean square. It is
+        # more for a surface that is cut, under the energy for which its start was found: pieces that are
+        # joined at few pixels creep long after that. Under another it has a way to go, and would seem to
+        # rest long before.
+        "settled": 1e-2 if is_near and problem.cuts is not None else 5e-4,
         "max_iterations": settings.max_iterations,
     }
     accepted = options_of(settings.solver)

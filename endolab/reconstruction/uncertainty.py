@@ -61,7 +61,6 @@ from endolab.solvers.result import Iterate, Result
 
 OUTSIDE, DATA, BORDER, PRIOR = range(4)  # values of `dominant_source`
 LEAST_DRAWS = 4  # below which nothing is told
-FEW_DRAWS = 8  # of fields that are smooth, or matter little
 TRIES = 6  # fields that tell what a fit leaves, and what it does not find
 LARGEST_SIGMA = 1.0  # of log d: what is worse is not known at all
 LENGTH = 12.0  # of a wall's texture: σ of a Gaussian, 1/320 of the longer side
@@ -300,7 +299,7 @@ def solve_for_causes(
     for draw in range(draws):
         light = strength * correlated_field(rng, mask.shape, LENGTH * unit)
         answers["texture"].append(surface.to_light(light))
-        if draw < FEW_DRAWS:
+        if draw < 8:  # of fields that are smooth, or matter little
             # Values of one wall go together.
             entering = doubt * correlated_field(rng, mask.shape, 40.0 * unit)
             answers["border"].append(follow(entering))

@@ -47,11 +47,7 @@ from endolab.numerics.stencils import gradient
 from endolab.numerics.threads import on_cores
 from endolab.reconstruction import constants
 
-PATCHES = 500  # of the picture; twice as many change ι by a hundredth
 GRAZING = 1e-3  # cos α below which a lamp's light no longer falls
-RIM_SECTORS = 20
-MOST_RINGS = 100  # behind the camera, as many as a view of 5° to the side needs
-BOUNCES = 16  # counted one by one; those after them fall by a constant factor
 
 
 @on_cores(cost=9)
@@ -168,7 +164,8 @@ class Walls:
         light = cos_alpha**k * (1.0 if lamp_ratio is None else lamp_ratio)
         area = solid * distance**2 / cosine
 
-        step = max(1.0, np.sqrt(mask.sum() / PATCHES))
+        # Twice as many patches change ι by a hundredth.
+        step = max(1.0, np.sqrt(mask.sum() / 500))
         rows, columns = (max(1, round(length / step)) for length in mask.shape)
         layers = [
             mask,
@@ -238,7 +235,7 @@ class Walls:
         """Return the same of several lamps' E, each (N,), (L, bounces, N)."""
         hidden = constants.HIDDEN * np.maximum(1 - self.exchange.sum(axis=1), 0.0)
         orders = [self.exchange @ np.stack(lit, axis=1)]
-        for _ in range(BOUNCES - 1):
+        for _ in range(15):  # those after them fall by a constant factor
             orders.append(self.exchange @ orders[-1] + hidden[:, None] * orders[-1])
         return np.moveaxis(np.stack(orders), -1, 0)
 
@@ -303,8 +300,8 @@ def _draw_back(points: FloatArray) -> tuple[np.ndarray, FloatArray, FloatArray, 
     """
     across = np.hypot(points[:, 0], points[:, 1])
     outwards = np.argsort(np.arctan2(across, points[:, 2]))
-    rim = np.full(RIM_SECTORS, -1)
-    rim[sectors(points, RIM_SECTORS)[outwards]] = outwards  # the last in each sector stays
+    rim = np.full(20, -1)
+    rim[sectors(points, rim.size)[outwards]] = outwards  # the last in each sector stays
     rim = rim[rim >= 0]
     start = points[rim]
     radius = np.maximum(across[rim], 1e-9)
@@ -312,7 +309,8 @@ def _draw_back(points: FloatArray) -> tuple[np.ndarray, FloatArray, FloatArray, 
     length = np.linalg.norm(side, axis=-1)
     step = float(np.median(length))
     deep = np.median(start[:, 2]) + constants.BACK * np.median(radius)
-    rings = int(np.clip(np.ceil(deep / step), 0, MOST_RINGS)) if step > 0 else 0
+    # A view of 5° to the side needs 100.
+    rings = int(np.clip(np.ceil(deep / step), 0, 100)) if step > 0 else 0
     normal = np.column_stack([-start[:, :2] / radius[:, None], np.zeros(len(rim))])
     drawn = np.tile(start, (rings, 1))
     drawn[:, 2] -= np.repeat((np.arange(rings) + 0.5) * step, len(rim))

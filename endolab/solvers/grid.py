@@ -70,8 +70,6 @@ from endolab.solvers.problem import (
 # How far a surface may go where cuts leave islands, of log d above d₀, an upper bound; chosen by hand.
 # A factor of two, more than noise and mottles ask for.
 CEILING = 0.7
-# Of log d below that, where a pixel is held that is drawn to it.
-CEILING_MARGIN = 0.008
 
 
 @dataclass(frozen=True, eq=False)
@@ -327,7 +325,7 @@ class Grid(Structure):
         smooth *= parts[SLOPE]
         free = self.free
         if self.is_cut:
-            free = free * ~((v > self.ceiling - CEILING_MARGIN) & (descent > smooth))
+            free = free * ~((v > self.ceiling - 0.008) & (descent > smooth))
         descent -= smooth
         descent *= free
         if slants is None:
