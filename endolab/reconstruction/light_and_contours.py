@@ -303,7 +303,7 @@ def separate_from(
     `log_distance` is its log d (H, W), nan where unknown, in the unit that the problem's gain gives.
     """
     colours = problem.colours
-    surface = Iterate(problem, 0, log_distance, {})
+    surface = Iterate(problem, 0, log_distance)
     colours = _lit_by_lamps(colours, lamps, surface)
     ratio, light = estimate_indirect(colours, surface, prior, per_pixel=True)
     count = constants.UNCUT_ROUNDS[-1]

@@ -264,7 +264,7 @@ def _moves(problem: Problem, start: FloatArray, lamps: Lamps) -> bool:
     It is asked of every third row and column, as a hand or a doubt waits for it.
     """
     few = slice(None, None, 3)
-    ratio = lamps.ratio(Iterate(problem, 0, start, {}), 3)
+    ratio = lamps.ratio(Iterate(problem, 0, start), 3)
     assert problem.lamp_ratio is not None
     moved = np.abs(np.log(ratio / problem.lamp_ratio[few, few])) / 2
     return bool(np.median(moved[problem.mask[few, few]]) > 0.005)
@@ -276,7 +276,7 @@ def are_as_found(found: Found, problem: Problem, lamps: Lamps) -> bool:
     if before is None or problem.lamp_ratio is None:
         return False
     was, now = (
-        one.median(Iterate(of, 0, of.log_d0, {}))
+        one.median(Iterate(of, 0, of.log_d0))
         for one, of in ((before, found.problem), (lamps, problem))
     )
     same = lamps.photometry.lights == before.photometry.lights
@@ -291,7 +291,7 @@ def solve(found: Found, settings: Settings, calibration: Calibration) -> Solver:
         problem = divide_by_lamps(problem, None)
     elif not are_as_found(found, problem, lamps):
         if start is not None:
-            problem = divide_by_lamps(problem, lamps.ratio(Iterate(problem, 0, start, {})))
+            problem = divide_by_lamps(problem, lamps.ratio(Iterate(problem, 0, start)))
         problem, start = yield from settle_lamps(problem, start, lamps, (2, 2, 2, 2))
     is_near = settings.energy == found.settings.energy and problem.is_lit_as(found.problem)
     offered: dict[str, Any] = {

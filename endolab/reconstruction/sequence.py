@@ -64,7 +64,7 @@ class Carried:
             cuts=np.zeros((2, height, width), dtype=bool) if min_steepness else None,
             report=report,
         )
-        iterate = Iterate(problem, 0, freeze(np.log(distance, dtype=np.float64)), {})
+        iterate = Iterate(problem, 0, freeze(np.log(distance, dtype=np.float64)))
         result = Result(iterate, Status.CONVERGED, [], 0.0)
         return cls(result, _light(frame, calibration.photometry.gamma), row["energy"], 1)
 
@@ -128,6 +128,7 @@ def reconstruct_sequence(
     is_of_the_first_alone = lengths["median_distance"] is None and any(lengths.values())
     can_start = "start" in options_of(options.get("solver", DEFAULT_SOLVER))
     carried = before
+    known = calibration.evidence
     for index, (name, picture) in enumerate(frames):
         started = time.perf_counter()
         step = Step(index, name, None)
@@ -137,7 +138,14 @@ def reconstruct_sequence(
             is_alike = size in (None, (frame.width, frame.height))
             start = carried if can_start and is_alike else None
             asked = options | (lengths if carried is None else {})
-            believed = _usually_as_far(calibration, carried)
+            believed = calibration
+            if carried is not None and carried.result.metric:
+                # By the usual distance lamps are placed.
+                median = float(np.nanmedian(carried.result.distance))
+                photometric = known.get("photometry", {}) | {"usual_distance": median}
+                believed = replace(
+                    calibration, evidence=known | {"photometry": photometric}
+                )
             found, warm = _solve_next(frame, believed, start, asked)
             result = found.result
             iterate = result.iterate
@@ -157,15 +165,6 @@ def reconstruct_sequence(
         yield replace(step, seconds=time.perf_counter() - started)
         if step.result is not None and step.result.status is Status.STOPPED:
             return
-
-
-def _usually_as_far(calibration: Calibration, before: Carried | None) -> Calibration:
-    """Return a calibration whose usual distance, by which lamps are placed, is that of the frame before."""
-    if before is None or not before.result.metric:
-        return calibration
-    median = float(np.nanmedian(before.result.distance))
-    light = calibration.evidence.get("photometry", {}) | {"usual_distance": median}
-    return replace(calibration, evidence=calibration.evidence | {"photometry": light})
 
 
 def _solve_next(

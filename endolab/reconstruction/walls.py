@@ -186,7 +186,12 @@ class Walls:
         places = np.argwhere(seen)
 
         rim, ring_points, ring_normals, ring_area = _draw_back(points)
-        lit = np.append(sums[:, 2] / area, _lamp(ring_points, ring_normals, k))
+        # E = cos^k α cos θ / d², 0 behind the lamp
+        far = np.linalg.norm(ring_points, axis=-1)
+        forwards = np.maximum(ring_points[:, 2] / far, 0.0)
+        facing = np.maximum(-np.sum(ring_points * ring_normals, axis=-1) / far, 0.0)
+        ring_lit = np.where(forwards > 0, forwards**k, 0.0) * facing / far**2
+        lit = np.append(sums[:, 2] / area, ring_lit)
         points = np.concatenate([points, ring_points])
         normals = np.concatenate([normals, ring_normals])
         area = np.append(area, ring_area)
@@ -282,14 +287,6 @@ def _cell_sums(maps: FloatArray, cells: tuple[int, ...]) -> FloatArray:
         for part in cv2.split(maps)
     ]
     return np.stack(means, axis=-1) * (maps.shape[0] / rows * maps.shape[1] / columns)
-
-
-def _lamp(points: FloatArray, normals: FloatArray, k: float) -> FloatArray:
-    """E at points that the lamp sees: cos^k α cos θ / d²; 0 behind it."""
-    distance = np.linalg.norm(points, axis=-1)
-    cos_alpha = np.maximum(points[:, 2] / distance, 0.0)
-    cos_theta = np.maximum(-np.sum(points * normals, axis=-1) / distance, 0.0)
-    return np.where(cos_alpha > 0, cos_alpha**k, 0.0) * cos_theta / distance**2
 
 
 def _draw_back(points: FloatArray) -> tuple[np.ndarray, FloatArray, FloatArray, FloatArray]:

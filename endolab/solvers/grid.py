@@ -207,7 +207,8 @@ class Grid(Structure):
 
     def inflow_pixels(self, v: FloatArray) -> BoolArray:
         """Pixels, (H, W), that a march down to the map v enters over the mask's border or a cut."""
-        slopes = self._slopes(v)
+        slopes = np.zeros((3, *v.shape))
+        fill_slopes(slopes, v, self.metric, self.link)
         enters = np.zeros(v.shape, np.bool_)
         cut = self.link < self.uncut_links
         for axis in range(2):
@@ -283,12 +284,6 @@ class Grid(Structure):
     def count(self) -> int:
         """How many pixels take part."""
         return int(self.active.sum())
-
-    def _slopes(self, v: FloatArray) -> FloatArray:
-        """G⁻¹ ∇v and tan² of a map's slope, (3, ...)."""
-        out = np.zeros((3, *v.shape))
-        fill_slopes(out, v, self.metric, self.link)
-        return out
 
     def slants(self, v: FloatArray) -> FloatArray:
         """tan² of a map's slope, padded."""
