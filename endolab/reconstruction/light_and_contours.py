@@ -42,7 +42,6 @@ import numpy as np
 from endolab.frames.frame import ROUNDING
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.resampling import resample
-from endolab.numerics.side_by_side import run_together
 from endolab.reconstruction import constants
 from endolab.reconstruction.colours import (
     AlbedoPrior,
@@ -111,7 +110,6 @@ class Separation:
     indirect_ratio: FloatArray
     albedo: FloatArray
     min_steepness: float | None
-    in_tissue: bool = False  # whether they are looked for as in living tissue
     lamp_ratio: FloatArray | None = None  # ω, (h, w)
 
     def cuts_of(self, colours: Sequence[Problem]) -> BoolArray | None:
@@ -121,9 +119,10 @@ class Separation:
             return resample_cuts(self.cuts, shape)
         # Of red, in which vessels hardly show: colours that say no one E make lines where one is clipped.
         picture = colours[0]
-        if not self.in_tissue:
+        in_tissue = self.min_steepness == constants.TISSUE_STEEPNESS
+        if not in_tissue:
             picture = merge(colours, resample(self.indirect_ratio, shape), self.albedo)
-        return cut_at_contours(picture, self.min_steepness, self.in_tissue).cuts
+        return cut_at_contours(picture, self.min_steepness, in_tissue).cuts
 
 
 def light_and_contours(
@@ -164,13 +163,8 @@ def light_and_contours(
         small, _ = yield from settle_lamps(small, start, lamps, constants.LAMP_ROUNDS)
         assert small.lamp_ratio is not None
         full = divide_by_lamps(full, small.lamp_ratio)
-    return (yield from _cut_one_channel(small, full, contours, before))
 
-
-def _cut_one_channel(
-    small: Problem, full: Problem, contours: bool | None, before: Result | None
-) -> Solving[tuple[Problem, FloatArray | None]]:
-    """Cut the surface of one channel where contours are found in its picture, before it is solved."""
+    # Its surface is cut where contours are found in its picture, before it is solved.
     steepness = first = None
     if full.cuts is not None:
         outcome = ContourOutcome.GIVEN
@@ -237,8 +231,7 @@ def separate(
 
     # Cut at ever less steep lines.
     outcome = ContourOutcome.NOT_ASKED
-    in_tissue = contours is not False and light.outcome is LightOutcome.COMPUTED
-    if in_tissue:
+    if contours is not False and light.outcome is LightOutcome.COMPUTED:
         outcome = ContourOutcome.BY_LINES
         trial = replace(trial, min_steepness=constants.TISSUE_STEEPNESS)
     elif contours is not False:
@@ -262,7 +255,7 @@ def separate(
         ratio, light = estimate_indirect(colours, surface, prior, per_pixel=True)
         trial = Trial(surface, light, ratio, steepness)
     lamp_ratio = colours[1].lamp_ratio
-    return Separation(trial, outcome, cuts, *lines_of, steepness, in_tissue, lamp_ratio)
+    return Separation(trial, outcome, cuts, *lines_of, steepness, lamp_ratio)
 
 
 def _lit_by_lamps(
@@ -325,9 +318,8 @@ def _separate_as_before(
     """Separate the picture from the surface of an earlier result, another frame's say."""
     steepness = None if contours is False else min_steepness_of(before)
     is_same = np.array_equal(before.problem.shown, full.shown)
-    in_tissue = steepness == constants.TISSUE_STEEPNESS
-    # Before indirect light is known, lines are less steep.
-    guessed = 1.0 if in_tissue else 0.8
+    # Before indirect light is known, lines are less steep, but for red's own in tissue.
+    guessed = 1.0 if steepness == constants.TISSUE_STEEPNESS else 0.8
     lines = Separation(
         trial=Trial(before.iterate),
         contours=ContourOutcome.NONE_CLEAR,
@@ -335,7 +327,6 @@ def _separate_as_before(
         indirect_ratio=np.zeros((1, 1, 3)),
         albedo=prior.albedo,
         min_steepness=guessed * (steepness or 0.0),
-        in_tissue=in_tissue,
     )
     outcome = ContourOutcome.NONE_CLEAR
     if contours is False:
@@ -484,34 +475,30 @@ def _try_contours(
 ) -> Solving[list[Trial]]:
     """Cut a surface at ever less steep lines; return what is found each time, the uncut surface first.
 
-    Where colours tell which is right, the first two start from the uncut surface, side by side. All others
-    start from the one before. `number` is the first trial's round.
+    Where colours tell which is right, the first two start from the uncut surface. All others start from the
+    one before. `number` is the first trial's round.
     """
     picture = uncut.surface.problem
     lines = find_contours(picture.log_d0, picture.mask)
-    cut = [
-        (steepness, replace(picture, cuts=lines > steepness))
-        for steepness in constants.MIN_STEEPNESS
-        if (lines > steepness).any()
-    ]
     options: dict[str, Any] = {}
     if colours:
         # Where a trial is chosen by its energy, that must be near its end.
         count = constants.UNCUT_ROUNDS[0] if uncut.is_clean else constants.TRIAL_STEPS
         options["max_iterations"] = count
-
-    def solve(index: int, start: Iterate) -> Solving[Iterate]:
-        start_map = start.log_distance
-        problem = cut[index][1]
-        return solve_stage(problem, CONTOURS, number + index, start=start_map, **options)
-
+    bounced = uncut.light.outcome is LightOutcome.REMOVED
     trials = [uncut]
-    begun = []
-    if uncut.light.outcome is LightOutcome.REMOVED:
-        begun = run_together([solve(i, uncut.surface) for i in range(len(cut[:2]))])
-    for index, (steepness, _) in enumerate(cut):
-        steps = begun[index] if index < len(begun) else solve(index, trials[-1].surface)
-        surface = yield from steps
+    for steepness in constants.MIN_STEEPNESS:
+        cuts = lines > steepness
+        if not cuts.any():
+            continue
+        start = uncut if bounced and len(trials) == 2 else trials[-1]
+        surface = yield from solve_stage(
+            replace(picture, cuts=cuts),
+            CONTOURS,
+            number + len(trials) - 1,
+            start=start.surface.log_distance,
+            **options,
+        )
         trial = replace(uncut, surface=surface, min_steepness=steepness)
         if prior is not None and not uncut.is_clean:
             ratio, light = estimate_indirect(colours, surface, prior)

@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -84,7 +83,6 @@ def problem_of_frame(frame: Frame, calibration: Calibration, settings: Settings)
             box_share=frame.box_share,
             without_ray=1 - float(known.sum() / seen.sum()),
             fingerprint=fingerprint,
-            **lamps_of(calibration),
         )
         problem = Problem(
             image=image,
@@ -108,14 +106,6 @@ def problem_of_frame(frame: Frame, calibration: Calibration, settings: Settings)
         return replace(problem, report=replace(problem.report, light=LightOutcome.GREY))
     red, green, blue = side_by_side(make, CHANNELS, frame.width * frame.height)
     return replace(green, colours=(red, green, blue))
-
-
-def lamps_of(calibration: Calibration) -> dict[str, Any]:
-    """Return what a report says of an endoscope's lamps."""
-    return {
-        "lamps": calibration.photometry.lamps_aside,
-        "lamps_given": calibration.evidence.get("lamps") == "given",
-    }
 
 
 def make_problem(frame: Frame, calibration: Calibration, **options: object) -> Problem:

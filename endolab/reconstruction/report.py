@@ -179,7 +179,11 @@ def _of_lamps(result: Result | Iterate) -> Iterator[str]:
     far = result.distance[result.mask]
     moves = 100 * (factor - 1)
     end = float(np.median(moves[far >= np.quantile(far, 0.95)]))
-    whose = "lamps that were given" if report.lamps_given else "calibration's lamps"
+    whose = (
+        "lamps that were given"
+        if report.evidence.get("lamps") == "given"
+        else "calibration's lamps"
+    )
     yield (
         f"The {whose} stand at {places} mm (right, down, forward of the lens): their places move distances "
         f"by {np.mean(np.abs(moves)):.2g} % in the mean, and the far end, a twentieth of the pixels, "
