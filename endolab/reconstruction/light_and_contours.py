@@ -209,8 +209,6 @@ def separate(
     lamps: Lamps | None = None,
 ) -> Solving[Separation]:
     """Find the indirect light of a picture of three colours, its surface, and where it is cut, in rounds."""
-    colours = problem.colours
-
     # Uncut: solve without the indirect light that is known so far, and ask the colours again.
     ratio = np.zeros((*problem.mask.shape, 3))
     light = prior.light
@@ -218,14 +216,14 @@ def separate(
     rounds = constants.UNCUT_ROUNDS if lamps is None else constants.LAMP_ROUNDS
     for number, count in enumerate(rounds, 1):
         lines_of = (ratio, light.albedo)  # the picture of which lines may be cut
-        surface = yield from _solve_direct(colours, light, ratio, surface, number, count)
-        colours = _lit_by_lamps(colours, lamps, surface)
+        surface = yield from _solve_direct(problem, light, ratio, surface, number, count)
+        problem = _lit_by_lamps(problem, lamps, surface)
         # Where lamps stand aside, the first surfaces are too wrong to ask colours of.
         is_asked = light.outcome is not LightOutcome.NONE_BOUNCED
         if lamps is not None:
             is_asked = number > constants.LAMP_ROUNDS_ALONE
         if is_asked:
-            ratio, light = estimate_indirect(colours, surface, prior)
+            ratio, light = estimate_indirect(problem.colours, surface, prior)
     assert surface is not None
     trial = Trial(surface, light, ratio)
 
@@ -235,7 +233,7 @@ def separate(
         outcome = ContourOutcome.BY_LINES
         trial = replace(trial, min_steepness=constants.TISSUE_STEEPNESS)
     elif contours is not False:
-        trials = yield from _try_contours(trial, colours, prior, number + 1)
+        trials = yield from _try_contours(trial, problem.colours, prior, number + 1)
         number += len(trials) - 1
         trial, outcome = choose(trials, always=bool(contours))
     # Lines that the energy chose are cut themselves on all pixels; where colours chose, those are that are
@@ -246,26 +244,20 @@ def separate(
     steepness = trial.min_steepness
 
     # The best of these, ι refined per pixel.
-    colours = _lit_by_lamps(colours, lamps, trial.surface)
+    problem = _lit_by_lamps(problem, lamps, trial.surface)
     if trial.light.outcome is LightOutcome.REMOVED:
-        ratio = refine_per_pixel(colours, trial.indirect_ratio, trial.light)
+        ratio = refine_per_pixel(problem.colours, trial.indirect_ratio, trial.light)
         surface = yield from _solve_direct(
-            colours, trial.light, ratio, trial.surface, number + 1, constants.REFINED_STEPS
+            problem, trial.light, ratio, trial.surface, number + 1, constants.REFINED_STEPS
         )
-        ratio, light = estimate_indirect(colours, surface, prior, per_pixel=True)
+        ratio, light = estimate_indirect(problem.colours, surface, prior, per_pixel=True)
         trial = Trial(surface, light, ratio, steepness)
-    lamp_ratio = colours[1].lamp_ratio
-    return Separation(trial, outcome, cuts, *lines_of, steepness, lamp_ratio)
+    return Separation(trial, outcome, cuts, *lines_of, steepness, problem.lamp_ratio)
 
 
-def _lit_by_lamps(
-    colours: tuple[Problem, ...], lamps: Lamps | None, surface: Iterate
-) -> tuple[Problem, ...]:
-    """Return the colours as one lamp at the optical centre would have lit them, by a surface."""
-    if lamps is None:
-        return colours
-    ratio = lamps.ratio(surface)
-    return tuple(divide_by_lamps(colour, ratio) for colour in colours)
+def _lit_by_lamps(problem: Problem, lamps: Lamps | None, surface: Iterate) -> Problem:
+    """Return the picture as one lamp at the optical centre would have lit it, by a surface."""
+    return problem if lamps is None else divide_by_lamps(problem, lamps.ratio(surface))
 
 
 def settle_lamps(
@@ -295,14 +287,13 @@ def separate_from(
 
     `log_distance` is its log d (H, W), nan where unknown, in the unit that the problem's gain gives.
     """
-    colours = problem.colours
     surface = Iterate(problem, 0, log_distance)
-    colours = _lit_by_lamps(colours, lamps, surface)
-    ratio, light = estimate_indirect(colours, surface, prior, per_pixel=True)
+    problem = _lit_by_lamps(problem, lamps, surface)
+    ratio, light = estimate_indirect(problem.colours, surface, prior, per_pixel=True)
     count = constants.UNCUT_ROUNDS[-1]
     halvings = DESCENT.start_halvings  # the camera may have moved
     surface = yield from _solve_direct(
-        colours, light, ratio, surface, 1, count, halvings=halvings
+        problem, light, ratio, surface, 1, count, halvings=halvings
     )
     return Trial(surface, light, ratio)
 
@@ -437,7 +428,7 @@ def estimate_indirect(
 
 
 def _solve_direct(
-    colours: Sequence[Problem],
+    picture: Problem,
     light: Light,
     indirect_ratio: FloatArray,
     surface: Iterate | None,
@@ -446,7 +437,7 @@ def _solve_direct(
     **options: Any,
 ) -> Solving[Iterate]:
     """Solve without the indirect light, from a surface, if there is one: `count` steps, as round `number`."""
-    problem = merge(colours, indirect_ratio, light.albedo, not light.reason)
+    problem = merge(picture.colours, indirect_ratio, light.albedo, not light.reason)
     if surface is not None:
         problem = replace(problem, cuts=surface.problem.cuts)
         options["start"] = start_from(surface, problem)

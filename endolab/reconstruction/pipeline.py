@@ -28,7 +28,6 @@ import numpy as np
 
 from endolab.frames.frame import Frame
 from endolab.model.endoscope import Calibration
-from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import check_kinds
 from endolab.numerics.threads import limit_threads
 from endolab.reconstruction.colours import prior_of
@@ -247,8 +246,15 @@ def find(
         problem, first = yield from light_and_contours(
             small, full, prior_of(calibration), contours, start, lamps
         )
-        if lamps is not None and first is not None and _moves(problem, first, lamps):
-            problem, first = yield from settle_lamps(problem, first, lamps, (1,))
+        if lamps is not None and first is not None:
+            # Once more, if ω of the surface on all pixels would move half of log d by more than 0.005; every
+            # third row and column tells, as a hand waits for it.
+            few = slice(None, None, 3)
+            assert problem.lamp_ratio is not None
+            ratio = lamps.ratio(Iterate(problem, 0, first), 3)
+            moved = np.abs(np.log(ratio / problem.lamp_ratio[few, few])) / 2
+            if np.median(moved[problem.mask[few, few]]) > 0.005:
+                problem, first = yield from settle_lamps(problem, first, lamps, (1,))
     else:
         problem, first = known, None
     found = Found(problem, settings, calibration, first, converged_at=converged_at)
@@ -256,18 +262,6 @@ def find(
         return found
     halvings = DESCENT.start_halvings if known is None else found.halvings
     return replace(found, start=start_from(start.iterate, problem), halvings=halvings)
-
-
-def _moves(problem: Problem, start: FloatArray, lamps: Lamps) -> bool:
-    """Whether ω of the surface on all pixels would move half of log d by more than 0.005.
-
-    It is asked of every third row and column, as a hand or a doubt waits for it.
-    """
-    few = slice(None, None, 3)
-    ratio = lamps.ratio(Iterate(problem, 0, start), 3)
-    assert problem.lamp_ratio is not None
-    moved = np.abs(np.log(ratio / problem.lamp_ratio[few, few])) / 2
-    return bool(np.median(moved[problem.mask[few, few]]) > 0.005)
 
 
 def are_as_found(found: Found, problem: Problem, lamps: Lamps) -> bool:
