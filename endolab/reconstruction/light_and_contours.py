@@ -28,7 +28,7 @@ wants. A start on the far side would not do: regions that are held by little sta
 Living tissue has many tints, and the colours tell nothing. There all lines are cut that are steep in
 red itself, and the surface begins anew: the uncut one explains by slopes what a fold hides.
 
-All is solved on few pixels (`problem_of_frame.FEW`); the frame's own follow at the end.
+All is solved on few pixels (`problem_of_frame.problems_of_frame`); the frame's own follow at the end.
 """
 
 from __future__ import annotations
@@ -218,10 +218,10 @@ def separate(
         lines_of = (ratio, light.albedo)  # the picture of which lines may be cut
         surface = yield from _solve_direct(problem, light, ratio, surface, number, count)
         problem = _lit_by_lamps(problem, lamps, surface)
-        # Where lamps stand aside, the first surfaces are too wrong to ask colours of.
+        # Where lamps stand aside, the first two surfaces are too wrong to ask colours of.
         is_asked = light.outcome is not LightOutcome.NONE_BOUNCED
         if lamps is not None:
-            is_asked = number > constants.LAMP_ROUNDS_ALONE
+            is_asked = number > 2
         if is_asked:
             ratio, light = estimate_indirect(problem.colours, surface, prior)
     assert surface is not None
@@ -243,12 +243,13 @@ def separate(
     cuts = trial.surface.problem.cuts if by_energy else None
     steepness = trial.min_steepness
 
-    # The best of these, ι refined per pixel.
+    # The best of these, one step, ι refined per pixel: earlier that would fit every trial to the colours, so
+    # that they could tell the trials apart no more.
     problem = _lit_by_lamps(problem, lamps, trial.surface)
     if trial.light.outcome is LightOutcome.REMOVED:
         ratio = refine_per_pixel(problem.colours, trial.indirect_ratio, trial.light)
         surface = yield from _solve_direct(
-            problem, trial.light, ratio, trial.surface, number + 1, constants.REFINED_STEPS
+            problem, trial.light, ratio, trial.surface, number + 1, 1
         )
         ratio, light = estimate_indirect(problem.colours, surface, prior, per_pixel=True)
         trial = Trial(surface, light, ratio, steepness)

@@ -31,7 +31,6 @@ from endolab.solvers.problem import EXACT, LOWER_BOUND, NONE, Problem
 from endolab.solvers.provenance import LightOutcome, Report
 from endolab.solvers.result import Iterate
 
-FEW = 240  # px of the longer side
 LEAST_SIDE = 8  # px; derivatives and noise take their neighbours
 
 
@@ -129,10 +128,11 @@ def problems_of_frame(
 ) -> tuple[Problem, Problem]:
     """Make the problem on few pixels, on which light and contours are looked for first, and that on all.
 
+    These have 240 px along the longer side.
     They are one if nothing is looked for, or if the frame is that small.
     """
     width, height = _size_of_problem(frame, settings)
-    fraction = FEW / max(width, height)
+    fraction = 240 / max(width, height)
     is_asked = settings.searches_contours or _asks_colours(frame, settings) or has_lamps
     if not is_asked or fraction >= 1 or fraction * min(width, height) < LEAST_SIDE:
         full = problem_of_frame(frame, calibration, settings)
