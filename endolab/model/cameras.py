@@ -29,7 +29,6 @@ Centre = Annotated[float, Field(ge=-1e6, le=1e6)]  # px
 Coefficient = Annotated[float, Field(ge=-1e4, le=1e4)]  # of a distortion
 Degree = Annotated[float, Field(ge=-1e7, le=1e7)]  # of a polynomial in px, its coefficient
 Affine = Annotated[float, Field(ge=-1e3, le=1e3)]
-FEW_PIXELS = 400 * 400
 WithSlope = tuple[FloatArray, FloatArray]  # a value and its derivative
 
 
@@ -159,7 +158,7 @@ class Camera:
     @cached_property
     def field(self) -> RayField:
         """The ray field of every pixel, that of an equal camera if it was asked for lately."""
-        remember = _few_pixels if self.width * self.height <= FEW_PIXELS else _one_size
+        remember = _few_pixels if self.width * self.height <= 400 * 400 else _one_size
         return remember(self)
 
     def _find_field(self) -> RayField:

@@ -28,8 +28,6 @@ from endolab.numerics.checks import unknown_name
 CHANNELS = ("red", "green", "blue")
 # Of stored values; ITU-R BT.601, as cv2 and JPEG use.
 GREY_WEIGHTS = np.array([0.299, 0.587, 0.114])
-CENTRED_LIGHT = SpotLight()
-FARTHEST_LAMP = 50.0  # mm aside of the lens
 
 
 @checked
@@ -115,7 +113,7 @@ class Photometry:
         alike = {replace(light, weight=1.0) for light in self.lights}
         if len(alike) == 1:
             (one,) = alike
-            if one == replace(CENTRED_LIGHT, exponent=one.exponent):
+            if one == SpotLight(exponent=one.exponent):
                 return ()
         return tuple(light.position for light in self.lights)
 
@@ -129,9 +127,10 @@ class Photometry:
         spread = min(1.0, known.k)
         lights = []
         for x, y, *z in places:
-            if not np.hypot(x, y) <= FARTHEST_LAMP:
-                limit = f"{FARTHEST_LAMP:g} mm at most"
-                raise ValueError(f"lamps stand {limit} aside of the lens, got {x:g}, {y:g}")
+            if not np.hypot(x, y) <= 50:
+                raise ValueError(
+                    f"lamps stand 50 mm at most aside of the lens, got {x:g}, {y:g}"
+                )
             place = float(x), float(y), float(sum(z))
             lights.append(SpotLight(place, exponent=spread, weight=1 / len(places)))
         return replace(known, k=known.k - spread, lights=tuple(lights))
@@ -161,7 +160,7 @@ class Photometry:
         distance = np.linalg.norm(points, axis=-1)
         to_camera = -points / distance[..., None]
         linear = np.zeros(distance.shape)
-        for light in self.lights or (CENTRED_LIGHT,):
+        for light in self.lights or (SpotLight(),):
             radiance, reach = light.illuminate(points)
             to_light = (np.asarray(light.position) - points) / reach[..., None]
             half = to_light + to_camera

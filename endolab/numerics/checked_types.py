@@ -24,13 +24,6 @@ from pydantic.dataclasses import dataclass
 from endolab.numerics.checks import excerpt, nearest, unknown_name
 
 Kind = TypeVar("Kind")
-_RULES = ConfigDict(
-    extra="forbid",
-    allow_inf_nan=False,
-    strict=True,
-    arbitrary_types_allowed=True,
-    validate_by_name=True,
-)
 
 
 def as_plain(value: Any) -> Any:
@@ -53,7 +46,14 @@ Whole = Annotated[int, BeforeValidator(_as_whole)]
 @dataclass_transform(frozen_default=True, field_specifiers=(dataclasses.field, Field))
 def checked(cls: type[Kind]) -> type[Kind]:
     """Make a frozen dataclass that checks its values; ValueError, in one sentence, for what is wrong."""
-    made: Any = dataclass(frozen=True, config=_RULES)(cls)
+    rules = ConfigDict(
+        extra="forbid",
+        allow_inf_nan=False,
+        strict=True,
+        arbitrary_types_allowed=True,
+        validate_by_name=True,
+    )
+    made: Any = dataclass(frozen=True, config=rules)(cls)
     names = [part.name for part in dataclasses.fields(made) if not part.kw_only]
     validate = made.__init__
 

@@ -32,8 +32,6 @@ kernel: Callable[..., Any] = njit(  # type: ignore[call-overload]
 PAD = 2
 
 config: Any = numba_config
-# Of 0 to 3; Numba's own is 3, whose loops are no faster and take a third longer to compile.
-OPTIMISATION = type(config.OPT)(1)
 
 
 class _Compiling(event.TimingListener):
@@ -47,7 +45,8 @@ class _Compiling(event.TimingListener):
         super().on_start(occurrence)
         self.levels.append(config.OPT)
         if occurrence.data["dispatcher"].py_func.__module__.startswith("endolab."):
-            config.OPT = OPTIMISATION
+            # Of 0 to 3; Numba's own is 3, whose loops are no faster and take a third longer to compile.
+            config.OPT = type(config.OPT)(1)
 
     def on_end(self, occurrence: Any) -> None:
         super().on_end(occurrence)

@@ -31,7 +31,6 @@ from endolab.numerics.compiled import kernel
 
 THREADS_VARIABLE = "ENDOLAB_THREADS"
 BAND_ROWS = 16  # of a band, see `on_cores`
-WORTH_A_CORE = 300_000  # ns that a turn must take, or waking a second core, 50 µs or more, does not pay
 
 _limit: ContextVar[int | None] = ContextVar("limit", default=None)
 _cores = threading.Lock()
@@ -112,7 +111,8 @@ def on_cores(cost: float) -> Callable[[Callable[..., None]], Callable[..., None]
         @wraps(function)
         def on_all_rows(first: Any, *others: Any) -> None:
             rows = first.shape[-2]
-            is_worth_it = rows * first.shape[-1] * cost >= WORTH_A_CORE
+            # So many ns a turn must take, or waking a second core, 50 µs or more, does not pay.
+            is_worth_it = rows * first.shape[-1] * cost >= 300_000
             count = threads() if is_worth_it else 1
             if count == 1 or not _cores.acquire(blocking=False):
                 loop((0, rows), first, *others)

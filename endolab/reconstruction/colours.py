@@ -44,11 +44,6 @@ TISSUE = (0.7, 0.35, 0.28)  # red, green and blue albedo of mucosa, before anyth
 LEAST_ALBEDO = 0.02
 MOST_ALBEDO = 0.95
 ALIKE = 0.1  # albedos that differ by no more, as a fraction, tell nothing
-LARGEST_FACTOR = 2.5
-NONE_BOUNCED = 0.05  # p below which nothing is taken to have bounced
-MOST_STEPS = 40  # of the fit
-SETTLED = 1e-3  # change of what is fitted by a step that is the last
-LEAST_PATCHES = 30  # that show all three colours
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,13 +247,13 @@ def fit_light(patches: Patches, prior: AlbedoPrior) -> Light:
 
     Raises `NoColour` if albedos that are not given come out as good as equal.
     """
-    if len(patches.light) < LEAST_PATCHES:
+    if len(patches.light) < 30:
         return replace(prior.light, reason="too little of the picture shows all three")
     low = np.array([0.0, 0.0, *np.log(3 * [LEAST_ALBEDO])])
-    high = np.array([LARGEST_FACTOR, 1.0, *np.log(3 * [MOST_ALBEDO])])
+    high = np.array([2.5, 1.0, *np.log(3 * [MOST_ALBEDO])])
     x = prior.middle
     pieces = min(constants.PIECES / len(patches.light), 1.0)
-    for _ in range(MOST_STEPS):
+    for _ in range(40):
         r, by_x = residuals(x, patches, prior)
         # What is large, of the colours in units of their spread, and of p, costs its size, not its square.
         tints = r[: -len(x)]
@@ -273,7 +268,7 @@ def fit_light(patches: Patches, prior: AlbedoPrior) -> Light:
         before = x.copy()
         x[free] -= np.linalg.solve(bend[np.ix_(free, free)], slope[free])
         x = np.clip(x, low, high)
-        if np.abs(x - before).max() < SETTLED:
+        if np.abs(x - before).max() < 1e-3:
             break
     log_direct = patches.light - np.log1p(patches.ratio_and_slopes(x)[0]) - x[2:]
     misfit = float(np.abs(log_direct - log_direct.mean(axis=1, keepdims=True)).mean())
@@ -290,7 +285,7 @@ def fit_light(patches: Patches, prior: AlbedoPrior) -> Light:
     if reason:
         return replace(prior.light, misfit=misfit, reason=reason)
     light = Light(LightOutcome.REMOVED, albedo, float(x[0]), float(x[1]), misfit)
-    if light.factor < NONE_BOUNCED:
+    if light.factor < 0.05:
         known = prior.light if prior.is_given else light
         none = LightOutcome.NONE_BOUNCED
         return replace(known, outcome=none, factor=0.0, misfit=misfit)

@@ -8,7 +8,6 @@ LINE_BLUR = 1.5  # of log d₀
 SHALLOW = 0.005  # basins of the slope less deep than this are one
 LIMB_WIDTH = 8.0  # a strip that is thinner than this may be a limb
 ACROSS = 0.1  # fraction of a line's slope that must lie across it, on the whole
-TISSUE_ACROSS = 0.5  # likewise, in living tissue
 
 # Contours (`light_and_contours`)
 # How steep lines must be to be cut, one trial after the other.
@@ -24,13 +23,10 @@ CLEAN_PRICE = 0.02
 # The least cut surface is taken whose misfit is at most so many times the least, or as many times more as
 # the colours ask for indirect light.
 MISFIT_LIMIT = 1.1
-# Steps of each uncut round, of each trial, and of the last round, whose ι is refined per pixel: earlier that
-# would fit every trial to the colours, so that they could tell the trials apart no more.
+# Steps of each uncut round and of each trial.
 UNCUT_ROUNDS: tuple[int, ...] = (4, 2, 2)
 LAMP_ROUNDS: tuple[int, ...] = (4, 2, 2, 2)  # likewise, where lamps stand aside
-LAMP_ROUNDS_ALONE = 2  # of these, so many before bounced light is asked for
 TRIAL_STEPS = 3
-REFINED_STEPS = 1
 RATIO_DOUBT = 0.15  # fraction of ι that may be wrong
 
 # Walls (`walls`)

@@ -12,7 +12,7 @@ The regulariser likes little contrast, and the less k, the less of it has the su
 which is least at the truth on average over frames whose light never bounced; without the second term it is
 a third too low. One frame seldom tells k, for its wall may well bend like another k, the more so the less
 of the light's fall the camera sees. How well it does was measured on path-traced frames of many cavities
-and lamps: as a likelihood, exp(-c/T), blurred by `aside` over the spread of log cos α. Frames that show
+and lamps: as a likelihood, exp(-c/T), blurred by .08 over the spread of log cos α. Frames that show
 other places err independently, and their likelihoods multiply; what is common to all, a smooth straight
 tube everywhere, say, blurs the product once more. The middle of what is left, its width, and a verdict
 are the answer. It is one for cavities: a single flat wall before a pinhole looks like a k that is 2 larger.
@@ -50,22 +50,6 @@ from endolab.solvers.result import Iterate, Observer
 
 EXPONENTS = np.linspace(0.0, 5.0, 11)  # k that are tried; endoscopes have 0.5 to 3.5
 FIRST = 4  # of these, with which to begin: 2
-WIDTH = 200  # px; it is the surface's large shape that tells
-SMOOTH = 1.0  # px; more blur, against noise, makes dark lumens brighter and k smaller
-USUAL = 2.5  # k of the paper's endoscope, taken if nothing is found
-USUAL_ERROR = 1.0  # with which it is averaged with what is found roughly
-# T and the widths make the true k of 31 path-traced frames likeliest.
-TEMPERATURE = 0.03  # T, of c
-# What shapes pretend: standard deviation of the part of a frame's log light that looks like log cos α, as a
-# fraction of the spread of that; and of k, for all frames of an endoscope together.
-ASIDE = 0.08
-ALIKE = 0.3
-WRONG = 0.05  # of frames, which tell nothing of k: fog, a wall with a pattern
-# Power of two shapes' correlation to which they are one place; 0.98 of neighbours, 0.5 of others.
-SAME_PLACE = 8.0
-STEP = 0.05  # of the k whose likelihood is told
-FOUND = 0.5  # standard error up to which k is found; knowing nothing: 1.7
-ROUGHLY = 1.0  # likewise, found roughly
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +96,7 @@ def estimate_light(
     *,
     gamma: float = 2.2,
     albedo: ArrayLike | None = None,
-    otherwise: float = USUAL,
+    otherwise: float = 2.5,
     observers: Iterable[Observer] = (),
     progress: Callable[[int, str], object] | None = None,
 ) -> LightEstimate:
@@ -134,7 +118,7 @@ def estimate_light(
     albedo : float or three floats, optional
         Of the wall, in green alone or red, green and blue, if it is known.
     otherwise : float
-        k of the photometry if it is not found.
+        k of the photometry if it is not found; by default that of the paper's endoscope.
     observers : iterable of callables
         Each is shown every iterate of every solve; one that returns True stops the search, and what the
         frames before told is the answer.
@@ -197,8 +181,8 @@ def _scan(frame: Frame, calibration: Calibration) -> Generator[Iterate, None, _S
     """Solve a frame under every k, from a middle one outwards; the iterates are yielded."""
     if frame.image.ndim == 2:
         raise NoColour("the picture is grey")
-    width = min(WIDTH, frame.width)
-    settings = Settings(width=width, smooth=SMOOTH, highlights="ignore")
+    # It is the surface's large shape that tells; more blur makes dark lumens brighter and k smaller.
+    settings = Settings(width=min(200, frame.width), smooth=1.0, highlights="ignore")
     check_frame(frame, calibration, settings)
     colours = problem_of_frame(frame, calibration, settings).colours
     prior = prior_of(calibration)
@@ -247,32 +231,38 @@ def _estimate(
         one, other = scans[i].shape, scans[j].shape
         both = np.isfinite(one + other)
         correlation = np.corrcoef(one[both], other[both])[0, 1]
-        alike[i, j] = alike[j, i] = max(0.0, correlation) ** SAME_PLACE
+        # It is 0.98 of neighbours, 0.5 of others.
+        alike[i, j] = alike[j, i] = max(0.0, correlation) ** 8
     weights = 1 / alike.sum(axis=1)
 
-    def blur(density: FloatArray, width: float) -> FloatArray:
-        smooth = np.asarray(gaussian_filter1d(density, width / STEP, mode="constant"))
-        return smooth / (smooth.sum() * STEP)
+    step = 0.05  # of the k whose likelihood is told
 
-    # How likely every k is, per unit of k.
-    k = np.linspace(0.0, EXPONENTS[-1], round(EXPONENTS[-1] / STEP) + 1)
+    def blur(density: FloatArray, width: float) -> FloatArray:
+        smooth = np.asarray(gaussian_filter1d(density, width / step, mode="constant"))
+        return smooth / (smooth.sum() * step)
+
+    # How likely every k is, per unit of k. T and the widths make the true k of 31 path-traced frames
+    # likeliest. The widths are what shapes pretend: of the part of a frame's log light that looks like log
+    # cos α, as a fraction of the spread of that; and of k, for all frames of an endoscope together.
+    k = np.linspace(0.0, EXPONENTS[-1], round(EXPONENTS[-1] / step) + 1)
+    wrong = 0.05  # of frames, which tell nothing of k: fog, a wall with a pattern
     total = np.zeros(len(k))
     for scan, weight in zip(scans, weights, strict=True):
         cost = PchipInterpolator(EXPONENTS, scan.costs)(k)
-        alone = blur(np.exp(-(cost - cost.min()) / TEMPERATURE), ASIDE / scan.spread)
-        total += weight * np.log((1 - WRONG) * alone + WRONG / k[-1])
-    likelihood = blur(np.exp(total - total.max()), ALIKE)
-    below = np.cumsum(likelihood) * STEP
+        alone = blur(np.exp(-(cost - cost.min()) / 0.03), 0.08 / scan.spread)
+        total += weight * np.log((1 - wrong) * alone + wrong / k[-1])
+    likelihood = blur(np.exp(total - total.max()), 0.3)
+    below = np.cumsum(likelihood) * step
     levels = [0.025, 0.16, 0.5, 0.84, 0.975]
     low, less, middle, more, high = np.interp(levels, below, k).tolist()
     error = (more - less) / 2
 
     taken, outcome = middle, "found"
-    # At its bound, as good as.
-    if error > ROUGHLY or k[np.argmax(likelihood)] > EXPONENTS[-2]:
+    # Knowing nothing, the error is 1.7. Or at its bound, as good as.
+    if error > 1.0 or k[np.argmax(likelihood)] > EXPONENTS[-2]:
         taken, outcome = usual.k, "not found"
-    elif error > FOUND:
-        precision = [error**-2, USUAL_ERROR**-2]
+    elif error > 0.5:
+        precision = [error**-2, 1.0]  # the usual k is off by 1
         taken, outcome = float(np.average([middle, usual.k], weights=precision)), "roughly"
     return LightEstimate(
         k=middle,

@@ -9,7 +9,7 @@ import numpy as np
 from endolab.frames.frame import Frame
 from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import FloatArray
-from endolab.reconstruction.problem_of_frame import fingerprint_of, in_units, lamps_of
+from endolab.reconstruction.problem_of_frame import fingerprint_of, in_units
 from endolab.reconstruction.settings import SEPARATED, Settings
 from endolab.solvers.descent import DESCENT
 from endolab.solvers.problem import Problem
@@ -47,9 +47,7 @@ class Found:
             image=image,
             camera=calibration.camera.resize(columns, rows),
             **settings.energy,
-            report=replace(
-                found.report, asked=asked, calibration=calibration, **lamps_of(calibration)
-            ),
+            report=replace(found.report, asked=asked, calibration=calibration),
         )
         channel = found.report.channel
         channel = "green" if channel in (SEPARATED, None) else channel

@@ -28,7 +28,7 @@ wants. A start on the far side would not do: regions that are held by little sta
 Living tissue has many tints, and the colours tell nothing. There all lines are cut that are steep in
 red itself, and the surface begins anew: the uncut one explains by slopes what a fold hides.
 
-All is solved on few pixels (`problem_of_frame.FEW`); the frame's own follow at the end.
+All is solved on few pixels (`problem_of_frame.problems_of_frame`); the frame's own follow at the end.
 """
 
 from __future__ import annotations
@@ -73,10 +73,6 @@ BOUNCED = "bounced light"  # three colours, likewise
 CONTOURS = "contours"  # cut
 LAMPS = "lamps"  # one channel, lit by lamps that stand aside
 
-# Before indirect light is known, lines are less steep by this factor.
-GUESSED_STEEPNESS = 0.8
-# Share of a colour that is saturated from which on it may count nowhere.
-MOSTLY = 0.5
 # Factor by which a misfit may be another.
 NEARLY = 1.03
 # Of one channel, which tells nothing.
@@ -167,13 +163,8 @@ def light_and_contours(
         small, _ = yield from settle_lamps(small, start, lamps, constants.LAMP_ROUNDS)
         assert small.lamp_ratio is not None
         full = divide_by_lamps(full, small.lamp_ratio)
-    return (yield from _cut_one_channel(small, full, contours, before))
 
-
-def _cut_one_channel(
-    small: Problem, full: Problem, contours: bool | None, before: Result | None
-) -> Solving[tuple[Problem, FloatArray | None]]:
-    """Cut the surface of one channel where contours are found in its picture, before it is solved."""
+    # Its surface is cut where contours are found in its picture, before it is solved.
     steepness = first = None
     if full.cuts is not None:
         outcome = ContourOutcome.GIVEN
@@ -218,8 +209,6 @@ def separate(
     lamps: Lamps | None = None,
 ) -> Solving[Separation]:
     """Find the indirect light of a picture of three colours, its surface, and where it is cut, in rounds."""
-    colours = problem.colours
-
     # Uncut: solve without the indirect light that is known so far, and ask the colours again.
     ratio = np.zeros((*problem.mask.shape, 3))
     light = prior.light
@@ -227,14 +216,14 @@ def separate(
     rounds = constants.UNCUT_ROUNDS if lamps is None else constants.LAMP_ROUNDS
     for number, count in enumerate(rounds, 1):
         lines_of = (ratio, light.albedo)  # the picture of which lines may be cut
-        surface = yield from _solve_direct(colours, light, ratio, surface, number, count)
-        colours = _lit_by_lamps(colours, lamps, surface)
-        # Where lamps stand aside, the first surfaces are too wrong to ask colours of.
+        surface = yield from _solve_direct(problem, light, ratio, surface, number, count)
+        problem = _lit_by_lamps(problem, lamps, surface)
+        # Where lamps stand aside, the first two surfaces are too wrong to ask colours of.
         is_asked = light.outcome is not LightOutcome.NONE_BOUNCED
         if lamps is not None:
-            is_asked = number > constants.LAMP_ROUNDS_ALONE
+            is_asked = number > 2
         if is_asked:
-            ratio, light = estimate_indirect(colours, surface, prior)
+            ratio, light = estimate_indirect(problem.colours, surface, prior)
     assert surface is not None
     trial = Trial(surface, light, ratio)
 
@@ -243,12 +232,12 @@ def separate(
     cuts = other_cut = None
     if contours is not False and light.outcome is LightOutcome.COMPUTED:
         outcome = ContourOutcome.NONE_CLEAR
-        cuts = tissue_cuts(colours)
+        cuts = tissue_cuts(problem.colours)
         if cuts is not None:
             outcome = ContourOutcome.BY_LINES
             trial = replace(trial, min_steepness=constants.TISSUE_STEEPNESS)
     elif contours is not False:
-        trials = yield from _try_contours(trial, colours, prior, number + 1)
+        trials = yield from _try_contours(trial, problem.colours, prior, number + 1)
         number += len(trials) - 1
         trial, outcome = choose(trials, always=bool(contours))
         for doubt in (1 / NEARLY, NEARLY):
@@ -264,27 +253,24 @@ def separate(
         cuts = trial.surface.problem.cuts
     steepness = trial.min_steepness
 
-    # The best of these, ι refined per pixel.
-    colours = _lit_by_lamps(colours, lamps, trial.surface)
+    # The best of these, one step, ι refined per pixel: earlier that would fit every trial to the colours, so
+    # that they could tell the trials apart no more.
+    problem = _lit_by_lamps(problem, lamps, trial.surface)
     if trial.light.outcome is LightOutcome.REMOVED:
-        ratio = refine_per_pixel(colours, trial.indirect_ratio, trial.light)
+        ratio = refine_per_pixel(problem.colours, trial.indirect_ratio, trial.light)
         surface = yield from _solve_direct(
-            colours, trial.light, ratio, trial.surface, number + 1, constants.REFINED_STEPS
+            problem, trial.light, ratio, trial.surface, number + 1, 1
         )
-        ratio, light = estimate_indirect(colours, surface, prior, per_pixel=True)
+        ratio, light = estimate_indirect(problem.colours, surface, prior, per_pixel=True)
         trial = Trial(surface, light, ratio, steepness)
-    lamp_ratio = colours[1].lamp_ratio
-    return Separation(trial, outcome, cuts, *lines_of, steepness, lamp_ratio, other_cut)
+    return Separation(
+        trial, outcome, cuts, *lines_of, steepness, problem.lamp_ratio, other_cut
+    )
 
 
-def _lit_by_lamps(
-    colours: tuple[Problem, ...], lamps: Lamps | None, surface: Iterate
-) -> tuple[Problem, ...]:
-    """Return the colours as one lamp at the optical centre would have lit them, by a surface."""
-    if lamps is None:
-        return colours
-    ratio = lamps.ratio(surface)
-    return tuple(divide_by_lamps(colour, ratio) for colour in colours)
+def _lit_by_lamps(problem: Problem, lamps: Lamps | None, surface: Iterate) -> Problem:
+    """Return the picture as one lamp at the optical centre would have lit it, by a surface."""
+    return problem if lamps is None else divide_by_lamps(problem, lamps.ratio(surface))
 
 
 def settle_lamps(
@@ -314,14 +300,13 @@ def separate_from(
 
     `log_distance` is its log d (H, W), nan where unknown, in the unit that the problem's gain gives.
     """
-    colours = problem.colours
-    surface = Iterate(problem, 0, log_distance, {})
-    colours = _lit_by_lamps(colours, lamps, surface)
-    ratio, light = estimate_indirect(colours, surface, prior, per_pixel=True)
+    surface = Iterate(problem, 0, log_distance)
+    problem = _lit_by_lamps(problem, lamps, surface)
+    ratio, light = estimate_indirect(problem.colours, surface, prior, per_pixel=True)
     count = constants.UNCUT_ROUNDS[-1]
     halvings = DESCENT.start_halvings  # the camera may have moved
     surface = yield from _solve_direct(
-        colours, light, ratio, surface, 1, count, halvings=halvings
+        problem, light, ratio, surface, 1, count, halvings=halvings
     )
     return Trial(surface, light, ratio)
 
@@ -347,7 +332,7 @@ def _separate_as_before(
         cuts=cuts,
         indirect_ratio=np.zeros((1, 1, 3)),
         albedo=prior.albedo,
-        min_steepness=GUESSED_STEEPNESS * (steepness or 0.0),
+        min_steepness=0.8 * (steepness or 0.0),
     )
     outcome = ContourOutcome.NONE_CLEAR
     if contours is False:
@@ -457,7 +442,7 @@ def estimate_indirect(
 
 
 def _solve_direct(
-    colours: Sequence[Problem],
+    picture: Problem,
     light: Light,
     indirect_ratio: FloatArray,
     surface: Iterate | None,
@@ -466,7 +451,7 @@ def _solve_direct(
     **options: Any,
 ) -> Solving[Iterate]:
     """Solve without the indirect light, from a surface, if there is one: `count` steps, as round `number`."""
-    problem = merge(colours, indirect_ratio, light.albedo, not light.reason)
+    problem = merge(picture.colours, indirect_ratio, light.albedo, not light.reason)
     if surface is not None:
         problem = replace(problem, cuts=surface.problem.cuts)
         options["start"] = start_from(surface, problem)
@@ -653,7 +638,7 @@ def merge(
         if colour.evidence is not None:
             kind[:] = colour.evidence
         kind[~colour.mask] = NONE
-        if not agree and np.mean(kind[colour.mask] == LOWER_BOUND) > MOSTLY:
+        if not agree and np.mean(kind[colour.mask] == LOWER_BOUND) > 0.5:
             kind[:] = NONE
     evidence = kinds.min(axis=0)  # EXACT before LOWER_BOUND before NONE
     total = np.zeros(mask.shape)

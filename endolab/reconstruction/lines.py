@@ -72,7 +72,7 @@ def find_contours(
     pairs = np.stack(np.divmod(pairs, count))
     steep = median(along, line, np.arange(pairs.shape[1]))
     across = np.bincount(line, np.where(sides[0] < sides[1], rise, -rise))
-    least = constants.TISSUE_ACROSS if in_tissue else constants.ACROSS
+    least = 0.5 if in_tissue else constants.ACROSS
     steep[np.abs(across) < least * np.bincount(line, along)] = 0.0
     if not in_tissue:
         thin = constants.LIMB_WIDTH * unit

@@ -28,7 +28,6 @@ import numpy as np
 
 from endolab.frames.frame import Frame
 from endolab.model.endoscope import Calibration
-from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import check_kinds
 from endolab.numerics.threads import limit_threads
 from endolab.reconstruction.colours import prior_of
@@ -61,20 +60,6 @@ from endolab.solvers.result import (
     run,
 )
 from endolab.solvers.solvers import check_solver_options, options_of
-
-# The solver ends when two steps change distances by less than this fraction, root mean square. It is more for
-# a surface that is cut, under the energy for which its start was found: pieces that are joined at few pixels
-# creep long after that. Under another it has a way to go, and would seem to rest long before.
-SETTLED_CUT = 1e-2
-SETTLED = 5e-4
-# Of the lamps' ω, where they or the unit are others than it was found with: steps of each round, and log of
-# the median distance from which on the unit is another.
-MOVED_ROUNDS = (2, 2, 2, 2)
-MOVED = 0.05
-RESTS = 0.005  # of log d, by which another ω moves it
-RATIO_STEP = (
-    3  # of every so many-th row and column ω is asked, where a hand or a doubt waits for it
-)
 
 
 @check_kinds(frame=Frame, calibration=Calibration, start=Result)
@@ -261,8 +246,15 @@ def find(
         problem, first = yield from light_and_contours(
             small, full, prior_of(calibration), contours, start, lamps
         )
-        if lamps is not None and first is not None and _moves(problem, first, lamps):
-            problem, first = yield from settle_lamps(problem, first, lamps, (1,))
+        if lamps is not None and first is not None:
+            # Once more, if ω of the surface on all pixels would move half of log d by more than 0.005; every
+            # third row and column tells, as a hand waits for it.
+            few = slice(None, None, 3)
+            assert problem.lamp_ratio is not None
+            ratio = lamps.ratio(Iterate(problem, 0, first), 3)
+            moved = np.abs(np.log(ratio / problem.lamp_ratio[few, few])) / 2
+            if np.median(moved[problem.mask[few, few]]) > 0.005:
+                problem, first = yield from settle_lamps(problem, first, lamps, (1,))
     else:
         problem, first = known, None
     found = Found(problem, settings, calibration, first, converged_at=converged_at)
@@ -272,26 +264,17 @@ def find(
     return replace(found, start=start_from(start.iterate, problem), halvings=halvings)
 
 
-def _moves(problem: Problem, start: FloatArray, lamps: Lamps) -> bool:
-    """Whether ω of the surface on all pixels would move half of the distances by more than `RESTS`."""
-    few = slice(None, None, RATIO_STEP)
-    ratio = lamps.ratio(Iterate(problem, 0, start, {}), RATIO_STEP)
-    assert problem.lamp_ratio is not None
-    moved = np.abs(np.log(ratio / problem.lamp_ratio[few, few])) / 2
-    return bool(np.median(moved[problem.mask[few, few]]) > RESTS)
-
-
 def are_as_found(found: Found, problem: Problem, lamps: Lamps) -> bool:
     """Whether ω stays: the lamps stand as before, and the surface is as far away, but for a twentieth."""
     before = Lamps.of(found.believed, found.settings)
     if before is None or problem.lamp_ratio is None:
         return False
     was, now = (
-        one.median(Iterate(of, 0, of.log_d0, {}))
+        one.median(Iterate(of, 0, of.log_d0))
         for one, of in ((before, found.problem), (lamps, problem))
     )
     same = lamps.photometry.lights == before.photometry.lights
-    return same and abs(np.log(now / was)) < MOVED
+    return same and abs(np.log(now / was)) < 0.05
 
 
 def solve(found: Found, settings: Settings, calibration: Calibration) -> Solver:
@@ -302,14 +285,18 @@ def solve(found: Found, settings: Settings, calibration: Calibration) -> Solver:
         problem = divide_by_lamps(problem, None)
     elif not are_as_found(found, problem, lamps):
         if start is not None:
-            problem = divide_by_lamps(problem, lamps.ratio(Iterate(problem, 0, start, {})))
-        problem, start = yield from settle_lamps(problem, start, lamps, MOVED_ROUNDS)
+            problem = divide_by_lamps(problem, lamps.ratio(Iterate(problem, 0, start)))
+        problem, start = yield from settle_lamps(problem, start, lamps, (2, 2, 2, 2))
     is_near = settings.energy == found.settings.energy and problem.is_lit_as(found.problem)
     offered: dict[str, Any] = {
         "start": start,
         "halvings": found.halvings,
         "converged_at": found.converged_at,
-        "settled": SETTLED_CUT if is_near and problem.cuts is not None else SETTLED,
+        # The solver ends when two steps change distances by less than this fraction, root mean square. It is
+        # more for a surface that is cut, under the energy for which its start was found: pieces that are
+        # joined at few pixels creep long after that. Under another it has a way to go, and would seem to
+        # rest long before.
+        "settled": 1e-2 if is_near and problem.cuts is not None else 5e-4,
         "max_iterations": settings.max_iterations,
     }
     accepted = options_of(settings.solver)

@@ -17,8 +17,6 @@ from endolab.model.endoscope import Calibration
 from endolab.numerics.checked_types import checked
 from endolab.reconstruction.report import prior_notes
 
-UNMEASURED = {"k": 1.0, "gamma": 0.4}  # of a light that nobody measured
-
 Sigma = Annotated[float, Field(ge=0)]
 
 
@@ -73,7 +71,9 @@ class PriorSigma:
             for name, error in stated
             if isinstance(error, int | float) and 0 < error < np.inf
         }
-        assumed = UNMEASURED if is_unmeasured else {"k": cls.k, "gamma": cls.gamma}
+        assumed = (
+            {"k": 1.0, "gamma": 0.4} if is_unmeasured else {"k": cls.k, "gamma": cls.gamma}
+        )
         assumed = {name: error for name, error in assumed.items() if name not in measured}
         notes = tuple(prior_notes(measured, assumed, is_unmeasured))
         return cls(**measured, **assumed, notes=notes)

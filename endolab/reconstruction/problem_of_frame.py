@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -32,11 +31,7 @@ from endolab.solvers.problem import EXACT, LOWER_BOUND, NONE, Problem
 from endolab.solvers.provenance import LightOutcome, Report
 from endolab.solvers.result import Iterate
 
-FEW = 240  # px of the longer side
 LEAST_SIDE = 8  # px; derivatives and noise take their neighbours
-# Memory at the peak of a whole run of gauss_newton with its recording and its files, measured at 3 and 9 Mpx.
-RUN_BYTES = 400e6  # of any run
-BYTES_PER_PIXEL = {1: 920, 3: 1400}  # by the number of channels
 
 
 def problem_of_frame(frame: Frame, calibration: Calibration, settings: Settings) -> Problem:
@@ -87,7 +82,6 @@ def problem_of_frame(frame: Frame, calibration: Calibration, settings: Settings)
             box_share=frame.box_share,
             without_ray=1 - float(known.sum() / seen.sum()),
             fingerprint=fingerprint,
-            **lamps_of(calibration),
         )
         problem = Problem(
             image=image,
@@ -113,14 +107,6 @@ def problem_of_frame(frame: Frame, calibration: Calibration, settings: Settings)
     return replace(green, colours=(red, green, blue))
 
 
-def lamps_of(calibration: Calibration) -> dict[str, Any]:
-    """Return what a report says of an endoscope's lamps."""
-    return {
-        "lamps": calibration.photometry.lamps_aside,
-        "lamps_given": calibration.evidence.get("lamps") == "given",
-    }
-
-
 def make_problem(frame: Frame, calibration: Calibration, **options: object) -> Problem:
     """Turn one channel of a frame, green by default, into the problem that solvers take.
 
@@ -142,10 +128,11 @@ def problems_of_frame(
 ) -> tuple[Problem, Problem]:
     """Make the problem on few pixels, on which light and contours are looked for first, and that on all.
 
+    These have 240 px along the longer side.
     They are one if nothing is looked for, or if the frame is that small.
     """
     width, height = _size_of_problem(frame, settings)
-    fraction = FEW / max(width, height)
+    fraction = 240 / max(width, height)
     is_asked = settings.searches_contours or _asks_colours(frame, settings) or has_lamps
     if not is_asked or fraction >= 1 or fraction * min(width, height) < LEAST_SIDE:
         full = problem_of_frame(frame, calibration, settings)
@@ -170,8 +157,9 @@ def check_frame(frame: Frame, calibration: Calibration, settings: Settings) -> N
         raise ValueError(
             f"{size} is too small to be solved: expected {LEAST_SIDE}x{LEAST_SIDE} px or more"
         )
-    channels = 3 if _asks_colours(frame, settings) else 1
-    needed = RUN_BYTES + width * height * BYTES_PER_PIXEL[channels]
+    # At the peak of a whole run of gauss_newton with its recording and its files, measured at 3 and 9 Mpx.
+    per_pixel = 1400 if _asks_colours(frame, settings) else 920
+    needed = 400e6 + width * height * per_pixel
     check_memory(needed, size, "; make it smaller with width=")
     if (settings.smooth or 0.0) > width:
         most = f"the frame's width of {width} px"

@@ -20,9 +20,21 @@ from endolab.solvers.problem import LOWER_BOUND, NONE, Problem
 from endolab.solvers.provenance import ContourOutcome, LightOutcome, Report
 from endolab.solvers.result import Iterate, Result
 
-GAMMA_STEP = 0.1  # error of γ whose effect is told
-USUAL_GAMMA = 2.2  # a display's
-TREATED = {"keep": "were not looked for", "inpaint": "were filled in from around"}
+# What may be where little is explained, and by which options.
+CAUSES = {
+    "wet spots, vessels": {"highlights", "channel"},
+    "folds that were not found": {"contours"},
+    "another k or γ": {"k", "gamma"},
+    "λ too large": {"lam", "regulariser", "epsilon", "xi"},
+}
+WITHOUT_RAY = 0.02  # of the picture's pixels, from which on it is doubtful
+SOLVER_NAMES = {
+    "gauss_newton": "Gauss-Newton",
+    "primal_dual": "primal-dual",
+    "fast_marching": "fast marching",
+    "facing": "facing",
+}
+LOOKED_FOR = {SMOOTH: "folds", BOUNCED: "bounced light", CONTOURS: "folds"}
 
 
 def meaning(result: Result | Iterate) -> tuple[str, ...]:
@@ -174,7 +186,11 @@ def _of_lamps(result: Result | Iterate) -> Iterator[str]:
     far = result.distance[result.mask]
     moves = 100 * (factor - 1)
     end = float(np.median(moves[far >= np.quantile(far, 0.95)]))
-    whose = "lamps that were given" if report.lamps_given else "calibration's lamps"
+    whose = (
+        "lamps that were given"
+        if report.evidence.get("lamps") == "given"
+        else "calibration's lamps"
+    )
     yield (
         f"The {whose} stand at {places} mm (right, down, forward of the lens): their places move distances "
         f"by {np.mean(np.abs(moves)):.2g} % in the mean, and the far end, a twentieth of the pixels, "
@@ -183,7 +199,7 @@ def _of_lamps(result: Result | Iterate) -> Iterator[str]:
     if scale_of(result) == "none":
         yield "For that the median distance was assumed as usual of this endoscope: the unit stays arbitrary."
     bounded = float(np.mean((ratio <= BOUNDS[0]) | (ratio >= BOUNDS[1])))
-    if bounded > LEAST_BOUNDED:
+    if bounded > 0.01:
         yield (
             f"{100 * bounded:.2g} % of the pixels are so near to a lamp, or so far to its side, that its "
             "light was bounded there."
@@ -191,10 +207,10 @@ def _of_lamps(result: Result | Iterate) -> Iterator[str]:
 
 
 def _of_gamma(result: Result | Iterate) -> str:
-    """Tell what another γ does to the far end; a nominal one is held against a display's."""
+    """Tell what another γ does to the far end: one larger by 0.1, for a nominal one a display's 2.2."""
     gamma = result.problem.photometry.gamma
     is_nominal = "photometry" in result.report.nominal
-    other = USUAL_GAMMA if is_nominal else gamma + GAMMA_STEP
+    other = 2.2 if is_nominal else gamma + 0.1
     iterate = result.iterate if isinstance(result, Result) else result
     moves = 100 * far_end_by_gamma(iterate, other - gamma)
     what = ""
@@ -229,8 +245,9 @@ def notes_on_pixels(
             share = 100 * part[field_of_view].mean()
             yield f"{share:.2g} % of that {why}, and is left out."
     yield from (*_of_picture(problem.report), *_of_evidence(problem))
-    if problem.report.highlights in TREATED:
-        yield f"Highlights {TREATED[problem.report.highlights]}, and count as the wall."
+    treated = {"keep": "were not looked for", "inpaint": "were filled in from around"}
+    if problem.report.highlights in treated:
+        yield f"Highlights {treated[problem.report.highlights]}, and count as the wall."
 
 
 def _of_evidence(problem: Problem) -> Iterator[str]:
@@ -239,14 +256,18 @@ def _of_evidence(problem: Problem) -> Iterator[str]:
         return
     known = problem.evidence[problem.mask]
 
-    def fraction_of(what: int) -> str:
-        count = int((known == what).sum())
-        return f"{count} of {known.size} pixels ({100 * count / known.size:.2g} %)"
-
-    if LOWER_BOUND in known:
-        yield f"The sensor is saturated in {fraction_of(LOWER_BOUND)}, which count as 'at least this bright'."
-    if NONE in known:
-        yield f"Highlights and overlays hide {fraction_of(NONE)}, where the surface is interpolated."
+    for kind, what, how in (
+        (
+            LOWER_BOUND,
+            "The sensor is saturated in",
+            "which count as 'at least this bright'",
+        ),
+        (NONE, "Highlights and overlays hide", "where the surface is interpolated"),
+    ):
+        count = int((known == kind).sum())
+        if count:
+            share = 100 * count / known.size
+            yield f"{what} {count} of {known.size} pixels ({share:.2g} %), {how}."
 
 
 def what_is_left(result: Result) -> str:
@@ -336,36 +357,6 @@ def light_verdict(estimate: Any) -> str:
 # Doubts: nothing is refused, since a frame may be a rare one ------------------------------
 
 
-# What frames of endoscopes usually show.
-LEAST_ANGLE = 5.0  # degrees from the axis to the picture's rim; endoscopes see 35 to 85
-DISTANCES = (2.0, 300.0)  # mm, of the median
-# What may be where little is explained, and by which options.
-CAUSES = {
-    "wet spots, vessels": {"highlights", "channel"},
-    "folds that were not found": {"contours"},
-    "another k or γ": {"k", "gamma"},
-    "λ too large": {"lam", "regulariser", "epsilon", "xi"},
-}
-EXPLAINED = 0.97  # of the picture's variance; frames of cavities have 0.99 and more
-# Of living tissue, whose vessels, stains and wet spots no surface explains: it has 0.956 and more.
-TISSUE_EXPLAINED = 0.95
-NOISE = (
-    0.5  # of the picture's variance, once it was averaged; usual frames have up to .0003
-)
-DIM = (
-    0.1  # of what the file can hold; the brightest pixel of a usual frame has 0.8 and more
-)
-SATURATED_SHARE = 0.1  # of one colour; usual frames have up to .03
-BLOWN_OUT = 0.05  # of the pixels, in all that is solved
-LITTLE_KEPT = 0.2  # by a mask, of what is shown
-WITHOUT_RAY = 0.02  # of the picture's pixels
-# Of the energy, from one step of Gauss-Newton: where Gauss-Newton ends by itself it is .18 at most, and of
-# primal-dual's surfaces .24 and more.
-LEFT = 0.2
-DARKEST_ALBEDO = 0.05  # of tissue and of phantoms
-LEAST_BOUNDED = 0.01  # of the pixels, of which it is said
-
-
 def warnings(result: Result, turned: Set[str] = frozenset()) -> Iterator[str]:
     """Say what can hardly be true of a result, a sentence each; usually nothing.
 
@@ -373,43 +364,45 @@ def warnings(result: Result, turned: Set[str] = frozenset()) -> Iterator[str]:
     """
     problem = result.problem
     mask = result.mask
-    widest = float(
-        np.degrees(np.arccos(np.clip(problem.field.cos_alpha[mask].min(), -1, 1)))
-    )
-    if widest < LEAST_ANGLE:
+    widest = np.degrees(np.arccos(np.clip(problem.field.cos_alpha[mask].min(), -1, 1)))
+    if widest < 5:  # endoscopes see 35 to 85
         yield f"The camera sees only {widest:.2g}° to the side: its focal length may be wrong."
     median = float(np.median(result.distance[mask]))
-    if result.metric and not DISTANCES[0] <= median <= DISTANCES[1]:
+    if result.metric and not 2 <= median <= 300:
         yield (
-            f"The median distance is {median:.4g} mm, where endoscopes see {DISTANCES[0]:g} to "
-            f"{DISTANCES[1]:g} mm: gain, k, γ, albedo or a given length may be wrong."
+            f"The median distance is {median:.4g} mm, where endoscopes see 2 to 300 mm: gain, k, γ, albedo "
+            "or a given length may be wrong."
         )
     explained = explained_contrast(result)
     picture = problem.shown
     in_tissue = result.report.light is LightOutcome.COMPUTED
-    if explained < (TISSUE_EXPLAINED if in_tissue else EXPLAINED):
-        usual = "in tissue 95 % and more" if in_tissue else "99 %"
-        causes = sorted(CAUSES, key=lambda cause: turned.isdisjoint(CAUSES[cause]))
-        usual = (
-            f"{usual} is usual. What may be: {', '.join(causes)}, or no endoscope's frame."
-        )
+    # Frames of cavities have 0.99 and more; living tissue, whose vessels and wet spots no surface explains,
+    # has 0.956 and more.
+    if explained < (0.95 if in_tissue else 0.97):
         solver = str(result.report.asked.get("solver", ""))
         by_newton = solver == "gauss_newton"
-        if not (by_newton and result.status.is_done) and result.left > LEFT:
-            usual = (
+        usual = "in tissue 95 % and more" if in_tissue else "99 %"
+        causes = sorted(CAUSES, key=lambda cause: turned.isdisjoint(CAUSES[cause]))
+        why = (
+            f"{usual} is usual. What may be: {', '.join(causes)}, or no endoscope's frame."
+        )
+        # Where Gauss-Newton ends by itself .18 is left at most, and of primal-dual's surfaces .24 and more.
+        if not (by_newton and result.status.is_done) and result.left > 0.2:
+            why = (
                 f"{SOLVER_NAMES.get(solver, 'the solver')} has not come to the energy's minimum: "
                 f"{what_is_left(result)}; {'more steps do' if by_newton else 'solver gauss_newton does'}."
             )
         yield (
-            f"The surface explains {100 * max(explained, 0):.0f} % of the picture's contrast; {usual}"
+            f"The surface explains {100 * max(explained, 0):.0f} % of the picture's contrast; {why}"
         )
-    if noise_left(result)[0] ** 2 > NOISE * np.var(problem.image[mask]):
+    # Usual frames have up to .0003, once the picture was averaged.
+    if noise_left(result)[0] ** 2 > 0.5 * np.var(problem.image[mask]):
         yield "More than half of the picture's contrast is noise: it may show nothing, or no cavity."
     blown_out = np.zeros_like(mask)
     if problem.evidence is not None:
         blown_out = mask & (problem.evidence == LOWER_BOUND)
     share = float(blown_out[mask].mean())
-    if share >= BLOWN_OUT:
+    if share >= 0.05:
         yield (
             f"{100 * share:.0f} % is saturated: at least that bright, and maybe nearer; less exposure would "
             "tell more."
@@ -421,13 +414,14 @@ def warnings(result: Result, turned: Set[str] = frozenset()) -> Iterator[str]:
         # Not those of the one channel that is solved: `meaning` tells of them.
         lost = np.mean(picture[mask & ~blown_out] >= SATURATED, axis=0)
         for name, share in zip(CHANNELS, lost, strict=True):
-            if share > SATURATED_SHARE and result.report.channel == "separated":
+            # Usual frames have up to .03.
+            if share > 0.1 and result.report.channel == "separated":
                 yield (
                     f"{name.capitalize()} is saturated in {100 * share:.0f} % of the picture, which the "
                     "other colours tell alone; less exposure would tell more."
                 )
     brightest = float(picture[mask].max())
-    if brightest < DIM:
+    if brightest < 0.1:  # that of a usual frame has 0.8 and more
         yield (
             f"The brightest pixel has {100 * brightest:.2g} % of what the file can hold: it may use fewer "
             "bits than the file, such as 12 of 16."
@@ -439,7 +433,7 @@ def warnings(result: Result, turned: Set[str] = frozenset()) -> Iterator[str]:
             "left out: the mask may be another camera's."
         )
     kept = result.report.shown_share
-    if kept < LITTLE_KEPT:
+    if kept < 0.2:
         yield (
             f"The mask keeps {100 * kept:.2g} % of what the endoscope shows: it should be bright where the "
             "frame is to be used."
@@ -477,20 +471,9 @@ def warnings(result: Result, turned: Set[str] = frozenset()) -> Iterator[str]:
             f"The lamps stand up to {aside:.2g} mm aside, which needs millimetres and was left out: add "
             "--median-distance."
         )
-    albedo = float(np.min(getattr(problem.photometry.brdf, "albedo", DARKEST_ALBEDO)))
-    if albedo < DARKEST_ALBEDO:
+    albedo = float(np.min(getattr(problem.photometry.brdf, "albedo", 1.0)))
+    if albedo < 0.05:
         yield f"An albedo of {albedo:.2g} is too dark for tissue, which has 0.1 to 0.8."
-
-
-SOLVER_NAMES = {
-    "gauss_newton": "Gauss-Newton",
-    "primal_dual": "primal-dual",
-    "fast_marching": "fast marching",
-    "facing": "facing",
-}
-
-
-LOOKED_FOR = {SMOOTH: "folds", BOUNCED: "bounced light", CONTOURS: "folds"}
 
 
 def describe(

@@ -12,10 +12,8 @@ from typing import Any
 import numpy as np
 
 from endolab.numerics.arrays import FloatArray, freeze
-from endolab.reconstruction.settings import Settings
+from endolab.reconstruction.settings import Pixel, Settings
 from endolab.solvers.result import SCALED, Iterate, Result
-
-Pixel = tuple[float, float]  # column, row
 
 NEIGHBOURS = 2  # px to each side whose median is the distance at a pixel
 LEAST_APART = 2 * NEIGHBOURS + 1  # px; two points that are nearer share neighbours

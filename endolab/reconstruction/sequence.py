@@ -26,19 +26,8 @@ from endolab.solvers.provenance import ContourOutcome, Report
 from endolab.solvers.result import Iterate, Result
 from endolab.solvers.solvers import DEFAULT_SOLVER, options_of
 
-WORSE = 1.3  # times the energy of the last cold start: then a warm start is not trusted
-REFRESH = 25  # frames after which a cold start is tried anyway
-# Standard deviations of what changes from frame to frame: the gain's logarithm, and the camera's place, in
-# median distances, and direction, rad.
-GAIN_STEP = 0.1
-MOTION_STEP = 0.05
 Picture = Frame | FloatArray | ValueError
-SAMPLES = 8000  # pixels that are compared; their link is that of all within 1e-4
-INDEPENDENT = 100.0  # as many of them tell their own story
-ROUNDS = 20  # of reweighting
-GRAZING = (
-    0.25  # cosine between ray and normal below which a surface says little of its place
-)
+INDEPENDENT = 100.0  # as many of the pixels that are compared tell their own story
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +64,7 @@ class Carried:
             cuts=np.zeros((2, height, width), dtype=bool) if min_steepness else None,
             report=report,
         )
-        iterate = Iterate(problem, 0, freeze(np.log(distance, dtype=np.float64)), {})
+        iterate = Iterate(problem, 0, freeze(np.log(distance, dtype=np.float64)))
         result = Result(iterate, Status.CONVERGED, [], 0.0)
         return cls(result, _light(frame, calibration.photometry.gamma), row["energy"], 1)
 
@@ -104,8 +93,8 @@ def reconstruct_sequence(
     """Reconstruct the frames of a video, one after the other.
 
     A frame starts from the last one's result if the solver can. Its result is kept if the solver
-    got on and the energy is at most `WORSE` times that of the last cold start; otherwise, and
-    every `REFRESH` frames, it is begun again and the lower energy wins: an error is not passed on
+    got on and the energy is at most 1.3 times that of the last cold start; otherwise, and
+    every 25 frames, it is begun again and the lower energy wins: an error is not passed on
     for long. Where the gain is unknown, scales are linked by `scale_between`.
 
     Parameters
@@ -139,6 +128,7 @@ def reconstruct_sequence(
     is_of_the_first_alone = lengths["median_distance"] is None and any(lengths.values())
     can_start = "start" in options_of(options.get("solver", DEFAULT_SOLVER))
     carried = before
+    known = calibration.evidence
     for index, (name, picture) in enumerate(frames):
         started = time.perf_counter()
         step = Step(index, name, None)
@@ -148,7 +138,14 @@ def reconstruct_sequence(
             is_alike = size in (None, (frame.width, frame.height))
             start = carried if can_start and is_alike else None
             asked = options | (lengths if carried is None else {})
-            believed = _usually_as_far(calibration, carried)
+            believed = calibration
+            if carried is not None and carried.result.metric:
+                # By the usual distance lamps are placed.
+                median = float(np.nanmedian(carried.result.distance))
+                photometric = known.get("photometry", {}) | {"usual_distance": median}
+                believed = replace(
+                    calibration, evidence=known | {"photometry": photometric}
+                )
             found, warm = _solve_next(frame, believed, start, asked)
             result = found.result
             iterate = result.iterate
@@ -170,15 +167,6 @@ def reconstruct_sequence(
             return
 
 
-def _usually_as_far(calibration: Calibration, before: Carried | None) -> Calibration:
-    """Return a calibration whose usual distance, by which lamps are placed, is that of the frame before."""
-    if before is None or not before.result.metric:
-        return calibration
-    median = float(np.nanmedian(before.result.distance))
-    light = calibration.evidence.get("photometry", {}) | {"usual_distance": median}
-    return replace(calibration, evidence=calibration.evidence | {"photometry": light})
-
-
 def _solve_next(
     frame: Frame,
     calibration: Calibration,
@@ -198,9 +186,7 @@ def _solve_next(
             start = replace(start, iterate=replace(start.iterate, log_distance=moved))
         warm = reconstruct(frame, calibration, start=start, **options)
         is_good = (
-            warm.status.is_done
-            and warm.energy <= WORSE * before.least
-            and before.age < REFRESH
+            warm.status.is_done and warm.energy <= 1.3 * before.least and before.age < 25
         )
         if is_good or warm.status is Status.STOPPED:
             return Carried(warm, light, before.least, before.age + 1), True
@@ -236,8 +222,8 @@ def scale_between(before: Result, result: Result) -> float:
 
         log D - log d = c + (n·T/D + ω·(u × n))/(n·u) + error.
 
-    Prior beliefs are that log gain makes a random walk of `GAIN_STEP` a frame, and that T, in
-    median distances, and ω, in rad, are of the order `MOTION_STEP`. The maximum a posteriori is
+    Prior beliefs are that log gain makes a random walk of 0.1 a frame, and that T, in
+    median distances, and ω, in rad, are of the order 0.05. The maximum a posteriori is
     found by reweighting (Cauchy), because at folds the motion is none of the linear kind; the
     pixels' errors are alike, so that all count as `INDEPENDENT` ones. Coming straight at a flat wall
     and turning up the gain look the same: then the priors divide the change between them. Where the gain is
@@ -247,7 +233,9 @@ def scale_between(before: Result, result: Result) -> float:
     by_gain = float(np.sqrt(gains[0] / gains[1]))
     if result.metric or before.mask.shape != result.mask.shape:
         return by_gain
-    step = max(1, int(np.sqrt(result.mask.size / SAMPLES)))
+    step = max(
+        1, int(np.sqrt(result.mask.size / 8000))
+    )  # whose link is all pixels' within 1e-4
     maps = (
         before.distance,
         result.distance,
@@ -257,7 +245,8 @@ def scale_between(before: Result, result: Result) -> float:
     old, new, n, u = (one[::step, ::step] for one in maps)
     facing = np.vecdot(n, u)
     with np.errstate(invalid="ignore"):
-        good = (old > 0) & (new > 0) & (facing < -GRAZING)
+        # A surface that turns away more says little of its place.
+        good = (old > 0) & (new > 0) & (facing < -0.25)
     if good.sum() < INDEPENDENT:
         return by_gain
     old = old[good]
@@ -268,9 +257,9 @@ def scale_between(before: Result, result: Result) -> float:
     by_turn = np.cross(u[good], n) / facing
     a = np.concatenate([np.ones_like(facing), by_motion, by_turn], axis=-1)
     prior = np.array([np.log(by_gain), *[0.0] * 6])
-    prior_weight = np.array([2 / GAIN_STEP, *[1 / MOTION_STEP] * 6]) ** 2
+    prior_weight = np.array([2 / 0.1, *[1 / 0.05] * 6]) ** 2
     x = np.array([np.median(y), *[0.0] * 6])
-    for _ in range(ROUNDS):
+    for _ in range(20):
         residual = y - a @ x
         spread = max(1.4826 * float(np.median(np.abs(residual))), 1e-4)
         weight = 1 / (1 + (residual / (2 * spread)) ** 2) / spread**2

@@ -19,8 +19,6 @@ AUTO = "auto"  # what the frame's evidence allows
 SEPARATED = "separated"  # the channel that is made of all three, indirect light removed
 # One of which may fix the scale.
 LENGTHS = ("median_distance", "known_distance", "known_diameter")
-# What no file and no command line can hold.
-UNWRITTEN = ("cuts", "solver_options")
 
 Length = Annotated[float, Field(ge=1e-3, le=1e6)]  # mm
 Pixel = tuple[float, float]  # column, row
@@ -167,14 +165,14 @@ class Settings:
 
     def as_dict(self) -> dict[str, Any]:
         """All that a file can hold, by name."""
-        names = (part.name for part in fields(Settings))
-        return {name: getattr(self, name) for name in names if name not in UNWRITTEN}
+        return {name: getattr(self, name) for name in option_types()}
 
 
 def option_types() -> dict[str, Any]:
-    """The types of the options that a file can hold, by name, in order."""
+    """The types of the options that a file can hold, by name, in order: all but these two."""
     types = get_type_hints(Settings)
-    return {name: kind for name, kind in types.items() if name not in UNWRITTEN}
+    del types["cuts"], types["solver_options"]
+    return types
 
 
 Function = TypeVar("Function", bound=Callable[..., Any])

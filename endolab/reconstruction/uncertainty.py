@@ -61,7 +61,6 @@ from endolab.solvers.result import Iterate, Result
 
 OUTSIDE, DATA, BORDER, PRIOR = range(4)  # values of `dominant_source`
 LEAST_DRAWS = 4  # below which nothing is told
-FEW_DRAWS = 8  # of fields that are smooth, or matter little
 TRIES = 6  # fields that tell what a fit leaves, and what it does not find
 LARGEST_SIGMA = 1.0  # of log d: what is worse is not known at all
 LENGTH = 12.0  # of a wall's texture: σ of a Gaussian, 1/320 of the longer side
@@ -184,7 +183,11 @@ def uncertainty_of(
         scales[cause] = float(np.sqrt(np.mean((common - known) ** 2)))
     squares = [of_all, np.sum(of_shape, axis=0), *of_shape]
     sigmas = np.minimum(np.sqrt(squares), LARGEST_SIGMA)
-    sigmas = np.where(islands_without_evidence(surface), LARGEST_SIGMA, sigmas)
+    # Of islands of the mask of which the picture says nothing, nothing is known.
+    joined = np.kron(mask, [[1, 0], [0, 0]])
+    joined[::2, 1::2], joined[1::2, ::2] = links(mask, iterate.problem.cuts)
+    island = label(joined)[0][::2, ::2]
+    sigmas[:, ~np.isin(island, island[surface.weight > 0])] = LARGEST_SIGMA
     sigma, sigma_shape, *causes = enlarge(sigmas, mask, whole.mask)
     parts = enlarge(shares, mask, whole.mask)
     source = np.where(whole.mask, DATA + np.argmax(parts, axis=0), OUTSIDE)
@@ -300,7 +303,7 @@ def solve_for_causes(
     for draw in range(draws):
         light = strength * correlated_field(rng, mask.shape, LENGTH * unit)
         answers["texture"].append(surface.to_light(light))
-        if draw < FEW_DRAWS:
+        if draw < 8:  # of fields that are smooth, or matter little
             # Values of one wall go together.
             entering = doubt * correlated_field(rng, mask.shape, 40.0 * unit)
             answers["border"].append(follow(entering))
@@ -389,15 +392,6 @@ def texture_strength(
     least_left = 0.25 * np.median(usual[mask]) + 1e-9
     square = np.maximum(unexplained, 0.0) / np.maximum(usual, least_left)
     return np.hypot(0.76 * np.sqrt(square), least)
-
-
-def islands_without_evidence(surface: Linearised) -> BoolArray:
-    """Pixels, (H, W), of islands of which the picture says nothing."""
-    mask = surface.problem.mask
-    joined = np.kron(mask, [[1, 0], [0, 0]])
-    joined[::2, 1::2], joined[1::2, ::2] = links(mask, surface.problem.cuts)
-    island = label(joined)[0][::2, ::2]
-    return mask & ~np.isin(island, island[surface.weight > 0])
 
 
 def pixels_of_scale(iterate: Iterate) -> BoolArray:

@@ -47,11 +47,7 @@ from endolab.numerics.stencils import gradient
 from endolab.numerics.threads import on_cores
 from endolab.reconstruction import constants
 
-PATCHES = 500  # of the picture; twice as many change ι by a hundredth
 GRAZING = 1e-3  # cos α below which a lamp's light no longer falls
-RIM_SECTORS = 20
-MOST_RINGS = 100  # behind the camera, as many as a view of 5° to the side needs
-BOUNCES = 16  # counted one by one; those after them fall by a constant factor
 
 
 @on_cores(cost=9)
@@ -168,7 +164,8 @@ class Walls:
         light = cos_alpha**k * (1.0 if lamp_ratio is None else lamp_ratio)
         area = solid * distance**2 / cosine
 
-        step = max(1.0, np.sqrt(mask.sum() / PATCHES))
+        # Twice as many patches change ι by a hundredth.
+        step = max(1.0, np.sqrt(mask.sum() / 500))
         rows, columns = (max(1, round(length / step)) for length in mask.shape)
         layers = [
             mask,
@@ -189,7 +186,12 @@ class Walls:
         places = np.argwhere(seen)
 
         rim, ring_points, ring_normals, ring_area = _draw_back(points)
-        lit = np.append(sums[:, 2] / area, _lamp(ring_points, ring_normals, k))
+        # E = cos^k α cos θ / d², 0 behind the lamp
+        far = np.linalg.norm(ring_points, axis=-1)
+        forwards = np.maximum(ring_points[:, 2] / far, 0.0)
+        facing = np.maximum(-np.sum(ring_points * ring_normals, axis=-1) / far, 0.0)
+        ring_lit = np.where(forwards > 0, forwards**k, 0.0) * facing / far**2
+        lit = np.append(sums[:, 2] / area, ring_lit)
         points = np.concatenate([points, ring_points])
         normals = np.concatenate([normals, ring_normals])
         area = np.append(area, ring_area)
@@ -238,7 +240,7 @@ class Walls:
         """Return the same of several lamps' E, each (N,), (L, bounces, N)."""
         hidden = constants.HIDDEN * np.maximum(1 - self.exchange.sum(axis=1), 0.0)
         orders = [self.exchange @ np.stack(lit, axis=1)]
-        for _ in range(BOUNCES - 1):
+        for _ in range(15):  # those after them fall by a constant factor
             orders.append(self.exchange @ orders[-1] + hidden[:, None] * orders[-1])
         return np.moveaxis(np.stack(orders), -1, 0)
 
@@ -287,14 +289,6 @@ def _cell_sums(maps: FloatArray, cells: tuple[int, ...]) -> FloatArray:
     return np.stack(means, axis=-1) * (maps.shape[0] / rows * maps.shape[1] / columns)
 
 
-def _lamp(points: FloatArray, normals: FloatArray, k: float) -> FloatArray:
-    """E at points that the lamp sees: cos^k α cos θ / d²; 0 behind it."""
-    distance = np.linalg.norm(points, axis=-1)
-    cos_alpha = np.maximum(points[:, 2] / distance, 0.0)
-    cos_theta = np.maximum(-np.sum(points * normals, axis=-1) / distance, 0.0)
-    return np.where(cos_alpha > 0, cos_alpha**k, 0.0) * cos_theta / distance**2
-
-
 def _draw_back(points: FloatArray) -> tuple[np.ndarray, FloatArray, FloatArray, FloatArray]:
     """Draw the rim of the patches back along the axis, past the camera.
 
@@ -303,8 +297,8 @@ def _draw_back(points: FloatArray) -> tuple[np.ndarray, FloatArray, FloatArray, 
     """
     across = np.hypot(points[:, 0], points[:, 1])
     outwards = np.argsort(np.arctan2(across, points[:, 2]))
-    rim = np.full(RIM_SECTORS, -1)
-    rim[sectors(points, RIM_SECTORS)[outwards]] = outwards  # the last in each sector stays
+    rim = np.full(20, -1)
+    rim[sectors(points, rim.size)[outwards]] = outwards  # the last in each sector stays
     rim = rim[rim >= 0]
     start = points[rim]
     radius = np.maximum(across[rim], 1e-9)
@@ -312,7 +306,8 @@ def _draw_back(points: FloatArray) -> tuple[np.ndarray, FloatArray, FloatArray, 
     length = np.linalg.norm(side, axis=-1)
     step = float(np.median(length))
     deep = np.median(start[:, 2]) + constants.BACK * np.median(radius)
-    rings = int(np.clip(np.ceil(deep / step), 0, MOST_RINGS)) if step > 0 else 0
+    # A view of 5° to the side needs 100.
+    rings = int(np.clip(np.ceil(deep / step), 0, 100)) if step > 0 else 0
     normal = np.column_stack([-start[:, :2] / radius[:, None], np.zeros(len(rim))])
     drawn = np.tile(start, (rings, 1))
     drawn[:, 2] -= np.repeat((np.arange(rings) + 0.5) * step, len(rim))

@@ -115,7 +115,8 @@ class Memory:
 
 
 def evaluate(grid: Grid, v: FloatArray, lam: float) -> Step:
-    """Return a map with its energy."""
+    """Return a map, no higher than the grid's ceiling, with its energy."""
+    v = grid.below_ceiling(v)
     return Step(v, grid.terms(v, lam))
 
 
@@ -179,8 +180,7 @@ def line_search(
         lowest = start._replace(length=0.0)
         length = 1.0
         while length >= DESCENT.shortest_length:
-            v = grid.below_ceiling(start.v + length * step)
-            tried = Step(v, grid.terms(v, lam), length)
+            tried = evaluate(grid, start.v + length * step, lam)._replace(length=length)
             if tried.energy < lowest.energy:
                 lowest = tried
             elif lowest.length > 0:
@@ -219,6 +219,6 @@ def energy_left(problem: Problem, log_distance: FloatArray) -> float:
     """
     grid = Grid.of(problem)
     v = pad_maps(np.where(problem.mask, log_distance, 0.0))
-    start = evaluate(grid, v, problem.lam)
+    start = Step(v, grid.terms(v, problem.lam))
     step = next(descend(grid, start, problem.lam))
     return (start.energy - step.energy) / max(start.energy, DESCENT.rounding)

@@ -317,15 +317,15 @@ def linearise(
         adjoint_row(t, CENTRAL, y, i, rows, descent)
 
 
-def shading_table(photometry: Photometry, size: int = 4096) -> tuple[FloatArray, float]:
-    """Shading of a BRDF against slant, for `shade_row`: table (2, size) and the step between its nodes.
+def shading_table(photometry: Photometry) -> tuple[FloatArray, float]:
+    """Shading of a BRDF against slant, for `shade_row`: table (2, 4096) and the step between its nodes.
 
     The rows are log(cos θ f_r(θ)/f_r(0)) and its derivative, at equal steps of √log(1 + tan²θ), which
     is nearly θ: a BRDF may have a cusp at θ = 0. A Lambertian surface has none, (2, 0).
     """
     if photometry.slant_table(2) is None:
         return np.empty((2, 0)), 1.0
-    w = np.linspace(0.0, 4.0, size)  # to cos θ = e⁻⁸
+    w = np.linspace(0.0, 4.0, 4096)  # to cos θ = e⁻⁸
     step = float(w[1])
     w[0] = 1e-6
     cosine = np.exp(-(w**2) / 2)

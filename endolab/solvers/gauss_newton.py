@@ -65,25 +65,25 @@ def _starts(grids: list[Grid], tolerance: float) -> Iterator[Step]:
     """
     lam = grids[0].problem.lam
     coarsest = grids[-1]
-    v = coarsest.below_ceiling(replace(coarsest, link=coarsest.uncut_links).march())
+    v = replace(coarsest, link=coarsest.uncut_links).march()
     marches = True
     for level in range(len(grids) - 1, -1, -1):
         grid = grids[level]
-        state = evaluate(grid, grid.below_ceiling(v), lam)
+        state = evaluate(grid, v, lam)
         if marches and grid is not coarsest:
-            marched = evaluate(grid, grid.below_ceiling(grid.march(v)), lam)
+            marched = evaluate(grid, grid.march(v), lam)
             marches = marched.energy <= state.energy
             state = marched if marches else state
         if level == 0:
             yield state
             return
         for factor in DESCENT.continuation if grid is coarsest else (1.0,):
-            start = evaluate(grid, grid.below_ceiling(state.v), factor * lam)
+            start = evaluate(grid, state.v, factor * lam)
             state = settle(descend(grid, start, factor * lam), tolerance)
         v = shown = grids[level - 1].interpolate(state.v)
         for fine in reversed(grids[: level - 1]):
             shown = fine.interpolate(shown)
-        yield evaluate(grids[0], shown, lam)
+        yield Step(shown, grids[0].terms(shown, lam))
 
 
 def _adapt_start(
@@ -98,7 +98,7 @@ def _adapt_start(
     for grid in grids[:-1]:
         starts.append(grid.restrict(starts[-1]))
     coarsest = grids[-1]
-    begun = evaluate(coarsest, coarsest.below_ceiling(starts[-1]), lam)
+    begun = evaluate(coarsest, starts[-1], lam)
     steps = descend(coarsest, begun, lam)
     if begun.energy <= DESCENT.start_excess * next(steps).energy:
         return start
@@ -108,7 +108,7 @@ def _adapt_start(
         change = fine.interpolate(state.v - starts[level + 1])
         maps = fine.interpolate(state.v), starts[level] + change
         state = min(
-            (evaluate(fine, fine.below_ceiling(v), lam) for v in maps),
+            (evaluate(fine, v, lam) for v in maps),
             key=lambda state: state.energy,
         )
         if level > 0:
@@ -164,7 +164,7 @@ def gauss_newton(
     if start is not None:
         given = start if inflow is None else np.where(np.isnan(inflow), start, inflow)
         v = pad_maps(np.where(mask, given, 0.0))
-        state = evaluate(finest, finest.below_ceiling(v), lam)
+        state = evaluate(finest, v, lam)
         iterate = show(state)
         yield iterate
         difference = abs(state.energy - converged_at)
@@ -175,7 +175,7 @@ def gauss_newton(
             if show(tried, iterate).change < settled:
                 return Status.SETTLED
         if max_iterations > 0 and halvings > 0:
-            v = finest.below_ceiling(_adapt_start(finest, v, tolerance, halvings))
+            v = _adapt_start(finest, v, tolerance, halvings)
             adapted = evaluate(finest, v, lam)
             if adapted.energy < state.energy:
                 state = adapted
@@ -261,7 +261,7 @@ class Look:
         coarse, fine = (moved * pad_maps(one.mask) for one in (self._coarse, self._fine))
         self._v, self._start = self._v + coarse, self._start + coarse
         self._fine_start = self._fine_start + fine
-        now = evaluate(self._coarse, self._coarse.below_ceiling(self._v), problem.lam)
+        now = evaluate(self._coarse, self._v, problem.lam)
         steps = descend(
             self._coarse, now, problem.lam, self._memory, DESCENT.look_inner_steps
         )

@@ -70,8 +70,6 @@ from endolab.solvers.problem import (
 # How far a surface may go where cuts leave islands, of log d above d₀, an upper bound; chosen by hand.
 # A factor of two, more than noise and mottles ask for.
 CEILING = 0.7
-# Of log d below that, where a pixel is held that is drawn to it.
-CEILING_MARGIN = 0.008
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,7 +207,8 @@ class Grid(Structure):
 
     def inflow_pixels(self, v: FloatArray) -> BoolArray:
         """Pixels, (H, W), that a march down to the map v enters over the mask's border or a cut."""
-        slopes = self._slopes(v)
+        slopes = np.zeros((3, *v.shape))
+        fill_slopes(slopes, v, self.metric, self.link)
         enters = np.zeros(v.shape, np.bool_)
         cut = self.link < self.uncut_links
         for axis in range(2):
@@ -286,12 +285,6 @@ class Grid(Structure):
         """How many pixels take part."""
         return int(self.active.sum())
 
-    def _slopes(self, v: FloatArray) -> FloatArray:
-        """G⁻¹ ∇v and tan² of a map's slope, (3, ...)."""
-        out = np.zeros((3, *v.shape))
-        fill_slopes(out, v, self.metric, self.link)
-        return out
-
     def slants(self, v: FloatArray) -> FloatArray:
         """tan² of a map's slope, padded."""
         out = np.zeros((1, *v.shape))  # three maps of fresh memory take ten times as long
@@ -327,7 +320,7 @@ class Grid(Structure):
         smooth *= parts[SLOPE]
         free = self.free
         if self.is_cut:
-            free = free * ~((v > self.ceiling - CEILING_MARGIN) & (descent > smooth))
+            free = free * ~((v > self.ceiling - 0.008) & (descent > smooth))
         descent -= smooth
         descent *= free
         if slants is None:

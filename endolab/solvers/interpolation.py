@@ -71,30 +71,18 @@ def restrict(
 
 
 @kernel
-def _add_up(
-    pixel: IntArray,
-    row: IntArray,
-    column: IntArray,
-    weight: FloatArray,
-    step: FloatArray,
-    x: FloatArray,
-) -> None:
+def _add_up(way: Interpolation, step: FloatArray, x: FloatArray) -> None:
     """x += the blocks' step, for pixels beside rims and cuts."""
+    _, _, pixel, row, column, weight = way
     values = x.reshape(-1)
     for k in range(pixel.size):
         values[pixel[k]] += weight[k] * step[row[k], column[k]]
 
 
 @kernel
-def _add_down(
-    pixel: IntArray,
-    row: IntArray,
-    column: IntArray,
-    weight: FloatArray,
-    r: FloatArray,
-    out: FloatArray,
-) -> None:
+def _add_down(way: Interpolation, r: FloatArray, out: FloatArray) -> None:
     """Adjoint of `_add_up`."""
+    _, _, pixel, row, column, weight = way
     values = r.ravel()
     for k in range(pixel.size):
         out[row[k], column[k]] += weight[k] * values[pixel[k]]
@@ -194,12 +182,12 @@ class Interpolation(NamedTuple):
     def add(self, step: FloatArray, x: FloatArray) -> None:
         """x += P step."""
         prolong_add(x, self.regular, step)
-        _add_up(self.pixel, self.row, self.column, self.weight, step, x)
+        _add_up(self, step, x)
 
     def adjoint(self, r: FloatArray, active: ByteArray, out: FloatArray) -> None:
         """Write Pᵀ r to out, for blocks that are active."""
         restrict(out, r, self.regular, active)
-        _add_down(self.pixel, self.row, self.column, self.weight, r, out)
+        _add_down(self, r, out)
 
 
 @dataclass(frozen=True, eq=False)

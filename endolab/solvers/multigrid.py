@@ -48,13 +48,6 @@ from endolab.solvers.normal_equations import (
     S,
 )
 
-# How a V-cycle is made; chosen by hand.
-# Pixels; so many or fewer are solved as they are. Of usual pictures these are 20×15, each a whole number of
-# times halved: a row that is left over at one end would know left from right.
-COARSEST = 320
-# Fraction of the diagonal that is added to it there, or islands that nothing holds let rounding grow.
-RIDGE = 1e-4
-
 
 @kernel
 def _row_times(m: FloatArray, x: FloatArray, i: int, out: FloatArray) -> None:
@@ -195,7 +188,8 @@ def _factorise(m: FloatArray, active: ByteArray) -> tuple[FloatArray, bool]:
         column = other[known]
         dense[row, column] = dense[column, row] = m[entry, i, j][known]
     diagonal = np.diag(dense)
-    dense[np.diag_indices(i.size)] = np.where(diagonal > 0, (1 + RIDGE) * diagonal, 1.0)
+    # With this ridge islands that nothing holds let no rounding grow.
+    dense[np.diag_indices(i.size)] = np.where(diagonal > 0, (1 + 1e-4) * diagonal, 1.0)
     return cho_factor(dense, overwrite_a=True, check_finite=False)
 
 
@@ -241,7 +235,9 @@ class Multigrid:
         if old is None or old.levels[0].structure is not structure:
             self.room = np.empty((3, *structure.active.shape))
             self.levels: list[_Level] = [_Level(structure, SEE)]
-            while structure.pixels > COARSEST:
+            # So few are solved as they are. Of usual pictures these are 20×15, each a whole number of times
+            # halved: a row that is left over at one end would know left from right.
+            while structure.pixels > 320:
                 structure = structure.coarser
                 self.levels.append(_Level(structure, len(OFFSETS)))
         else:

@@ -54,10 +54,6 @@ from endolab.solvers.grid import Grid
 from endolab.solvers.problem import EXACT, LOWER_BOUND, REGULARISERS, Problem, check_maps
 from endolab.solvers.result import Iterate, Solver
 
-BALANCE = 0.1  # τ_p in units of 1/c at the start, where χ is 1
-SAFETY = 0.7  # share of the bound on τ that is taken
-WINDOW = 500  # steps over which it is asked whether the surface still moves
-
 
 class Pixels(NamedTuple):
     """What a descent needs of each pixel, padded maps."""
@@ -136,7 +132,7 @@ def descend(
             slope = -2 * sign / gamma * model[j] / x[i, j]
             c = W * slope**2
             A = by_t[j] / (1 + slant[j]) * size[j] * passes
-            least = max((1 + A**2) / (2 * SAFETY) - 1, 1e-3)
+            least = max((1 + A**2) / (2 * 0.7) - 1, 1e-3)  # 0.7 of the bound on τ
             spring = max(stiffness[i, j], least * c)
             tau = tau_p[i, j]
             old = x[i, j]
@@ -198,7 +194,7 @@ def primal_dual(
     image = np.where(inside, grid.image, 1.0)
     gamma = problem.photometry.gamma
     spring = (2 * image / (gamma * x)) ** 2
-    tau_p = BALANCE / spring
+    tau_p = 0.1 / spring
     # τ_d τ_p ‖K‖² ≤ 1 for every pair of pixels that K joins
     tau_d = 1 / ((8, 64)[kind] * cv2.dilate(tau_p, np.ones((3, 3))))
     bound = scale * problem.lam * inside * grid.edge
@@ -243,7 +239,7 @@ def primal_dual(
             sign,
         )
         settled = False
-        if step % WINDOW == 0:
+        if step % 500 == 0:
             settled = bool(np.median(np.abs(v - before)[inside]) <= tolerance)
             before[:] = v
         if settled or step % every == 0 or step == max_iterations:

@@ -81,10 +81,6 @@ class Report:
     indirect_factor: float = 0.0  # indirect light over what surface and albedos predict
     lamp: float = 0.0  # fraction of k that is the lamp's, the rest being the lens's
 
-    # x, y, z of the lamps that the calibration lists, mm, if they do not stand at the optical centre.
-    lamps: tuple[tuple[float, float, float], ...] = ()
-    lamps_given: bool = False  # by hand, in place of those that it lists
-
     # Where the surface is cut
     contours: ContourOutcome | None = None
     cut_links: int = 0  # between neighbours
@@ -101,11 +97,22 @@ class Report:
     length_by_gain: float | None = None  # what the gain says of that length, mm
 
     @property
+    def evidence(self) -> dict[str, Any]:
+        """Of the endoscope."""
+        return {} if self.calibration is None else self.calibration.evidence
+
+    @property
     def nominal(self) -> list[str]:
         """What of the endoscope nobody measured: "camera", "photometry"."""
-        known = {} if self.calibration is None else self.calibration.evidence
         parts = ("camera", "photometry")
-        return [part for part in parts if known.get(part, {}).get("nominal") is True]
+        return [
+            part for part in parts if self.evidence.get(part, {}).get("nominal") is True
+        ]
+
+    @property
+    def lamps(self) -> tuple[tuple[float, float, float], ...]:
+        """x, y, z of the lamps, mm, if they do not stand at the optical centre."""
+        return () if self.calibration is None else self.calibration.photometry.lamps_aside
 
     @property
     def albedo(self) -> tuple[float, ...] | None:

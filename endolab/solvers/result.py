@@ -39,7 +39,8 @@ class Iterate:
     problem: Problem  # what is being solved
     k: int  # counts from 0, the start
     log_distance: FloatArray  # (H, W), v = log d; nan outside the mask; read-only
-    terms: Mapping[str, float]  # of the energy: "data" and "regulariser"
+    # Of the energy: "data" and "regulariser".
+    terms: Mapping[str, float] = field(default_factory=dict)
     # Root mean square change of v since the last iterate; nan at the start.
     change: float = float("nan")
     # (H, W), whatever else there is to show.

@@ -21,7 +21,6 @@ from endolab.numerics.compiled import pad_maps
 from endolab.reconstruction.colours import prior_of
 from endolab.reconstruction.lamps import Lamps, divide_by_lamps
 from endolab.reconstruction.light_and_contours import estimate_indirect, merge
-from endolab.reconstruction.pipeline import SETTLED_CUT
 from endolab.reconstruction.problem_of_frame import in_units, problem_of_frame
 from endolab.reconstruction.settings import Settings
 from endolab.solvers.energy import model_image
@@ -53,7 +52,7 @@ def errors_of(case):
     """Mean errors, %, of the default, and with ever more truths."""
 
     def error(problem, inflow=None):
-        *_, last = gauss_newton(problem, inflow=inflow, settled=SETTLED_CUT)
+        *_, last = gauss_newton(problem, inflow=inflow, settled=1e-2)
         return case.errors_of(last).mean_percent
 
     cuts = depth_cuts(case.distance)
