@@ -13,7 +13,7 @@ import numpy as np
 from endolab.frames.frame import check_size
 from endolab.io.atomic import PathLike
 from endolab.io.datasets.folders import depth_layout, true_z
-from endolab.io.depth_maps import SUFFIXES, DepthMap, read_depth_map
+from endolab.io.depth_maps import SUFFIXES, TEXTS, DepthMap, read_depth_map
 from endolab.io.images import read_mask
 from endolab.metrics.coverage import Coverage, coverage_of
 from endolab.metrics.depth_errors import (
@@ -256,9 +256,13 @@ def evaluate_folder(
 
 def _find_maps(folder: Path) -> dict[str, Path]:
     """Find the files of a folder that may be depth maps, by their paths from there without a suffix."""
-    files = [path for path in sorted(folder.rglob("*")) if path.suffix.lower() in SUFFIXES]
+    files = sorted(folder.rglob("*"))
     own = [p for p in files if depth_layout(p) or p.name in ("depth.npz", "truth.npz")]
-    return {p.relative_to(folder).with_suffix("").as_posix(): p for p in own or files}
+    maps, rows = (
+        [p for p in files if p.suffix.lower() in kinds] for kinds in (SUFFIXES, TEXTS)
+    )
+    found = own or maps or rows  # text may be notes beside them
+    return {p.relative_to(folder).with_suffix("").as_posix(): p for p in found}
 
 
 def _by_number(maps: dict[str, Path]) -> dict[str, Path]:

@@ -136,7 +136,9 @@ def load_endoscope(
     is_nominal = "nominal" in known.evidence.get("photometry", {})
     if is_nominal and next(_sample(sources)).is_linear:
         known = replace(known, photometry=replace(known.photometry, gamma=1.0))
-    return known if crop is None else _crop(known, crop, next(_sample(sources)))
+    if crop is None or known.evidence.get("crop") == [*crop]:  # a result's own file
+        return known
+    return _crop(known, crop, next(_sample(sources)))
 
 
 def _sample(sources: Sequence[str]) -> Iterator[Frame]:

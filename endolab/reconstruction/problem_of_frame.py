@@ -11,6 +11,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
+import cv2
 import numpy as np
 
 from endolab.frames.frame import (
@@ -20,6 +21,7 @@ from endolab.frames.frame import (
     usable_pixels,
 )
 from endolab.frames.highlights import find_highlights, inpaint
+from endolab.model.cameras import Camera
 from endolab.model.endoscope import Calibration
 from endolab.model.photometry import CHANNELS
 from endolab.numerics.arrays import FloatArray
@@ -47,6 +49,7 @@ def problem_of_frame(frame: Frame, calibration: Calibration, settings: Settings)
     width, height = _size_of_problem(frame, settings)
     picture_size = (frame.width, frame.height)
     fingerprint = fingerprint_of(frame)
+    whole = frame
     photometry = calibration.photometry
     if width != frame.width:
         frame = frame.resize(width, height, photometry.gamma)
@@ -54,6 +57,7 @@ def problem_of_frame(frame: Frame, calibration: Calibration, settings: Settings)
     highlights = settings.used_highlights
     seen = frame.pixels_to_use()
     known = seen & camera.field.valid
+    field = measure_field(whole, camera) if known.any() else {}
     mirrored = silent = np.zeros_like(known) if frame.silent is None else frame.silent
     if highlights != "keep":
         mirrored = silent | find_highlights(frame.image, known, photometry.gamma)
@@ -76,6 +80,7 @@ def problem_of_frame(frame: Frame, calibration: Calibration, settings: Settings)
         report = Report(
             frame=frame.name,
             picture_size=picture_size,
+            field_seen=field,
             calibration=calibration,
             width=camera.width,
             height=camera.height,
@@ -111,6 +116,23 @@ def problem_of_frame(frame: Frame, calibration: Calibration, settings: Settings)
         return replace(problem, report=replace(problem.report, light=LightOutcome.GREY))
     red, green, blue = side_by_side(make, CHANNELS, frame.width * frame.height)
     return replace(green, colours=(red, green, blue))
+
+
+def measure_field(frame: Frame, camera: Camera) -> dict[str, Any]:
+    """Return how wide and high the field of view is, px of the frame, and its widest angle, degrees.
+
+    That is of the ray farthest off the axis with any other; twice its own, if that is more than 90°.
+    """
+    size = frame.width, frame.height
+    valid = cv2.resize(camera.field.valid.astype(np.uint8), size) * frame.pixels_to_use()
+    hull = cv2.convexHull(cv2.findNonZero(valid))[:, 0]
+    rays = camera.resize(*size).unproject(hull)
+    aside = rays[np.nanargmin(rays[:, 2])]
+    angle = np.arccos(np.clip([aside[2], np.nanmin(rays @ aside)], -1, 1))
+    return {
+        "px": (np.ptp(hull, axis=0) + 1).tolist(),
+        "degrees": float(np.rad2deg(2 * angle[0] if aside[2] < 0 else angle[1])),
+    }
 
 
 def lamps_of(calibration: Calibration) -> dict[str, Any]:

@@ -163,6 +163,7 @@ def test_a_mask(tmp_path, truth, guess):
         ("{:04d}.npy", "{:04d}.npy"),
         ("frame_{}_depth.npy", "{:04d}_depth.tiff"),
         ("{}/depth.npy", "sub/truth-{:03d}.npy"),
+        ("{}.csv", "{:03d}.txt"),
     ],
 )
 def test_folders_are_paired_by_name_or_number(tmp_path, prediction, true):
@@ -172,12 +173,13 @@ def test_folders_are_paired_by_name_or_number(tmp_path, prediction, true):
     theirs = {n: tmp_path / "b" / true.format(n) for n in (12, 10, 9, 2)}
     for path in (*ours.values(), *theirs.values()):
         path.parent.mkdir(parents=True, exist_ok=True)
-    for n, path in ours.items():
-        np.save(path, np.full((40, 50), 20 + 0.2 * percent.get(n, 0)))
     z = np.full((40, 50), 20.0)
+    for n, path in ours.items():
+        save = np.save if path.suffix == ".npy" else np.savetxt
+        save(path, z + 0.2 * percent.get(n, 0))
     for path in theirs.values():
-        if path.suffix == ".npy":
-            np.save(path, z)
+        if path.suffix != ".tiff":
+            save(path, z)
         else:  # C3VD's, beside its colours
             cv2.imwrite(str(path), np.round(z * 655.35).astype(np.uint16))
             colour = path.name.replace("depth.tiff", "color.png")

@@ -193,6 +193,7 @@ def test_options_arrive(solve, tmp_path):
     assert solve(f"--out o {options} --contours no --albedo 0.4", "unknown.json") == 0
     content = report(tmp_path / "o")
     assert (content["settings"]["regulariser"], content["metric"]) == ("first", True)
+    assert content["field"]["px"] == [80, 120]
     depth = maps(tmp_path / "o/depth.npz")
     assert depth["distance"].shape == (60, 80)
     assert depth["mask"][:, :39].mean() > 0.9
@@ -218,6 +219,18 @@ def test_a_settings_file_gives_what_options_give_and_options_win(solve, tmp_path
     found = [maps(run / "depth.npz")["distance"] for run in runs]
     np.testing.assert_array_equal(found[0], found[1])
     assert np.nanmedian(found[2]) == pytest.approx(20, rel=1e-6)
+
+
+def test_the_same_command_with_a_results_own_endoscope_gives_its_answer(
+    solve, tmp_path
+):
+    for out, known in (
+        ("one", "sim/endoscope.json"),
+        ("two", tmp_path / "one/endoscope.json"),
+    ):
+        assert solve(f"--crop 40,30,80,60 --solver facing --out {out}", known) == 0
+    one, two = (maps(tmp_path / out / "depth.npz")["z"] for out in ("one", "two"))
+    np.testing.assert_array_equal(one, two)
 
 
 @pytest.fixture
