@@ -95,20 +95,6 @@ def test_a_recording_has_an_answer_and_its_error_for_each_lambda(
     for row, recorded in zip(rows, run.table(), strict=True):
         assert recorded["energy"] == pytest.approx(row["energy"])
         assert recorded["error"] == pytest.approx(row["mean_percent"])
-    with pytest.raises(ValueError, match="one frame"):
-        sweep(
-            frames, CALIBRATION, table=tmp_path / "2.csv", recording=tmp_path / "b.rrd"
-        )
-
-
-def test_what_cannot_be_recorded_costs_no_row(frames, tmp_path, monkeypatch, caplog):
-    monkeypatch.delattr("endolab.workbench.recording.recorder.paint")
-    how = {"table": tmp_path / "1.csv", "recording": tmp_path / "lam.rrd"}
-    rows = sweep(frames[:1], CALIBRATION, lam=[0.1, 1], **how)
-    assert [row["error"] for row in rows] == ["", ""]
-    assert [path.name for path in tmp_path.iterdir()] == ["1.csv"]
-    (logged,) = caplog.records
-    assert "lam.rrd could not be drawn" in logged.getMessage()
 
 
 def test_workers_end_with_a_sweep_that_is_killed(tmp_path):

@@ -67,10 +67,8 @@ def _check_camera(camera: Any) -> str:
             f"fx {focal:g} of {camera.width} columns: normalised by the size, or in mm? Expected px"
         )
     place = f"the principal point, {camera.cx:g}, {camera.cy:g} px of {camera.width}x{camera.height}"
-    off = max(
-        abs((camera.cx + 0.5) / camera.width - 0.5),
-        abs((camera.cy + 0.5) / camera.height - 0.5),
-    )
+    sides = (camera.cx, camera.width), (camera.cy, camera.height)
+    off = max(abs((at + 0.5) / length - 0.5) for at, length in sides)
     if off > 0.5:
         raise ValueError(
             f"{place}, lies outside the picture: is the size another? For a part of a picture give "
