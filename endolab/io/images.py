@@ -70,7 +70,7 @@ PICTURE = f"a whole picture ({KINDS} of 8 or 16 bits, no floats or HDR, at most 
 CURVES = {16: "PQ", 18: "HLG"}  # of ITU-T H.273, no powers of the light
 LINEAR = 8
 # How a curve of an ICC profile begins that is a straight line.
-STRAIGHT = rb"curv\0{4}(\0{4}|\0\0\0\1\1\0|\0\0\0\2\0\0\xff\xff)|para\0{8}\0\1\0\0"
+STRAIGHT = rb"curv\0{4}(\0{4}|\0{3}\x01\x01\0|\0{3}\x02\0\0\xff\xff)|para\0{9}\x01\0\0"
 ORIENTATION = 274  # tag of Exif and TIFF: how a picture is to be turned
 OPAQUE = 0.995  # of the largest alpha; with less, a pixel is mixed with what lies beneath
 log = logging.getLogger("endolab")
