@@ -160,25 +160,18 @@ def _meaning(name: str, value: Any) -> tuple[str, str]:
     return "", ""
 
 
-def _understand(document: Any) -> tuple[dict[str, dict[str, Any]], dict[str, Any]]:
-    """Sort what a document says: by camera, or "", what is understood, by meaning; and all else by name."""
-    cameras: dict[str, dict[str, Any]] = {"": {}}
+def _list_named(document: Any) -> dict[str, Any]:
+    """Find each camera of a document, for each kind of lens that it may have, if no name tells it.
+
+    Each is what is understood, by meaning, with all else by name.
+    """
+    found: dict[str, dict[str, Any]] = {"": {}}
     named = [(*_meaning(name, value), name, value) for name, value in leaves(document)]
     for whose, meaning, _, value in named:
-        cameras.setdefault(whose, {}).setdefault(meaning, value)
-    cameras = {
-        whose: own for whose, own in cameras.items() if not whose or own.keys() & CAMERA
-    }
-    unread = {
-        n: value for whose, what, n, value in named if not what or whose not in cameras
-    }
-    return cameras, unread
-
-
-def _list_named(document: Any) -> dict[str, Any]:
-    """Find each camera of a document, for each kind of lens that it may have, if no name tells it."""
+        found.setdefault(whose, {}).setdefault(meaning, value)
     cameras: dict[str, Any] = {}
-    found, unread = _understand(document)
+    known = {whose for whose, own in found.items() if not whose or own.keys() & CAMERA}
+    unread = {n: value for whose, what, n, value in named if not what or whose not in known}
     for whose, own in found.items():
         if not own.keys() & CAMERA:
             continue
