@@ -250,7 +250,13 @@ def test_a_video_goes_on_and_tells_what_became_of_it(film, tmp_path, capsys):
     assert call(f"{words} --every 2 --limit 1") == call(words) == 0
     output, error = capsys.readouterr()
     assert error == ""
-    for word in ("2 of 3", "earlier call: 1", "not done: 2.png", "relative", ".rrd"):
+    for word in (
+        "2 of 3",
+        "earlier call: 1",
+        "not done: film/2.png",
+        "relative",
+        ".rrd",
+    ):
         assert word in output
     assert len((tmp_path / "o/frames.csv").read_text().splitlines()) == 4
 
