@@ -24,7 +24,7 @@ from endolab.frames.highlights import find_highlights, inpaint
 from endolab.model.cameras import Camera
 from endolab.model.endoscope import Calibration
 from endolab.model.photometry import CHANNELS
-from endolab.numerics.arrays import FloatArray
+from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.memory import check_memory
 from endolab.numerics.noise import noise_level
 from endolab.numerics.resampling import resample
@@ -57,7 +57,9 @@ def problem_of_frame(frame: Frame, calibration: Calibration, settings: Settings)
     highlights = settings.used_highlights
     seen = frame.pixels_to_use()
     known = seen & camera.field.valid
-    field = measure_field(whole, camera) if known.any() else {}
+    # On the frame's own pixels, if all have a ray.
+    shown = known if (seen & ~known).any() else whole.pixels_to_use()
+    field = measure_field(shown, camera, picture_size) if known.any() else {}
     mirrored = silent = np.zeros_like(known) if frame.silent is None else frame.silent
     if highlights != "keep":
         mirrored = silent | find_highlights(frame.image, known, photometry.gamma)
@@ -118,19 +120,21 @@ def problem_of_frame(frame: Frame, calibration: Calibration, settings: Settings)
     return replace(green, colours=(red, green, blue))
 
 
-def measure_field(frame: Frame, camera: Camera) -> dict[str, Any]:
-    """Return how wide and high the field of view is, px of the frame, and its widest angle, degrees.
+def measure_field(
+    shown: BoolArray, camera: Camera, size: tuple[int, int]
+) -> dict[str, Any]:
+    """Return how wide and high the field of view is, px of a frame's size, and its widest angle, degrees.
 
-    That is of the ray farthest off the axis with any other; twice its own, if that is more than 90°.
+    `shown` (h, w) is True there, on any grid. The angle is of the ray farthest off the axis with any other;
+    twice its own, if that is more than 90°.
     """
-    size = frame.width, frame.height
-    valid = cv2.resize(camera.field.valid.astype(np.uint8), size) * frame.pixels_to_use()
-    hull = cv2.convexHull(cv2.findNonZero(valid))[:, 0]
-    rays = camera.resize(*size).unproject(hull)
+    hull = cv2.convexHull(cv2.findNonZero(shown.astype(np.uint8)))[:, 0]
+    rays = camera.resize(*shown.shape[::-1]).unproject(hull)
     aside = rays[np.nanargmin(rays[:, 2])]
     angle = np.arccos(np.clip([aside[2], np.nanmin(rays @ aside)], -1, 1))
+    px = np.divide(size, shown.shape[::-1]) * (np.ptp(hull, axis=0) + 1)
     return {
-        "px": (np.ptp(hull, axis=0) + 1).tolist(),
+        "px": np.rint(px).astype(int).tolist(),
         "degrees": float(np.rad2deg(2 * angle[0] if aside[2] < 0 else angle[1])),
     }
 
