@@ -13,7 +13,7 @@ import numpy as np
 from endolab.frames.frame import check_size
 from endolab.io.atomic import PathLike
 from endolab.io.datasets.folders import depth_layout, true_z
-from endolab.io.depth_maps import SUFFIXES, DepthMap, read_depth_map
+from endolab.io.depth_maps import SUFFIXES, TEXTS, DepthMap, read_depth_map
 from endolab.io.images import read_mask
 from endolab.metrics.coverage import Coverage, coverage_of
 from endolab.metrics.depth_errors import (
@@ -26,10 +26,8 @@ from endolab.metrics.depth_errors import (
 from endolab.model.cameras import Camera
 from endolab.numerics.checks import PATH, mask_array, number
 
-LARGEST = (
-    0.01,
-    1.2,
-)  # share of the pixels, and times the next, from which on one number is no depth
+# Share of the pixels, and times the next, from which on one number is no depth.
+LARGEST = 0.01, 1.2
 MEDIANS = 2.0, 1000.0  # mm, between which an endoscope sees
 log = logging.getLogger("endolab")
 
@@ -111,18 +109,19 @@ def evaluate(
     >>> round(made.errors.mean_percent, 6)
     10.0
     """
-    name = "the depth map" if isinstance(prediction, np.ndarray) else str(prediction)
+    name, true_name = (
+        what if isinstance(given, np.ndarray) else str(given)
+        for given, what in ((prediction, "the depth map"), (truth, "the truth"))
+    )
     depth = read_depth_map(prediction, kind, unit)
-    is_told = truth_kind is not None or truth_unit is not None
-    true_name = "the truth" if isinstance(truth, np.ndarray) else str(truth)
-    layout = None if isinstance(truth, np.ndarray) else depth_layout(truth)
-    if isinstance(truth, np.ndarray) or is_told or layout is None:
+    layout = None if truth_kind or truth_unit else depth_layout(true_name)
+    if layout is None:
         true = read_depth_map(truth, truth_kind, truth_unit)
         _leave_out_largest(true, true_name)
     else:
-        true = DepthMap(true_z(truth), "z", True)
+        true = DepthMap(true_z(true_name), "z", True)
+        _say_unit(Path(true_name).parent, layout.upper())
         true_name += f", by its name in the unit of {layout.upper()}"
-        _say_unit(Path(truth).parent, layout.upper())
     _check_unit(true, true_name, "--truth-unit")
     if depth.metric and depth.cos_alpha is None:
         _check_unit(depth, name, "--unit")
@@ -206,10 +205,11 @@ def _say_unit(folder: Path, data_set: str) -> None:
 
 
 def _check_unit(depth: DepthMap, name: str, option: str) -> None:
-    median = np.nanmedian(depth.values) if np.isfinite(depth.values).any() else np.nan
-    if median < MEDIANS[0] or median > MEDIANS[1]:
+    values = depth.values[np.isfinite(depth.values)]
+    least, most = MEDIANS
+    if values.size and not least <= np.median(values) <= most:
         raise ValueError(
-            f"{name}: its median is {median:.3g} mm, and endoscopes see {MEDIANS[0]:g} to {MEDIANS[1]:g}: "
+            f"{name}: its median is {np.median(values):.3g} mm, and endoscopes see {least:g} to {most:g}: "
             f"{option} is the mm that 1 stands for"
         )
 
@@ -248,17 +248,19 @@ def evaluate_folder(
         raise ValueError(
             f"no depth map in {predictions} has the name or number of one in {truths}"
         )
-    alone = left.keys() ^ right.keys()
-    return made, [
-        str(path) for key, path in [*left.items(), *right.items()] if key in alone
-    ]
+    alone = sorted(left.keys() ^ right.keys())
+    return made, [str((left | right)[key]) for key in alone]
 
 
 def _find_maps(folder: Path) -> dict[str, Path]:
     """Find the files of a folder that may be depth maps, by their paths from there without a suffix."""
-    files = [path for path in sorted(folder.rglob("*")) if path.suffix.lower() in SUFFIXES]
+    files = sorted(folder.rglob("*"))
     own = [p for p in files if depth_layout(p) or p.name in ("depth.npz", "truth.npz")]
-    return {p.relative_to(folder).with_suffix("").as_posix(): p for p in own or files}
+    maps, rows = (
+        [p for p in files if p.suffix.lower() in kinds] for kinds in (SUFFIXES, TEXTS)
+    )
+    found = own or maps or rows  # text may be notes beside them
+    return {p.relative_to(folder).with_suffix("").as_posix(): p for p in found}
 
 
 def _by_number(maps: dict[str, Path]) -> dict[str, Path]:

@@ -4,7 +4,7 @@ import csv
 import itertools
 import json
 import math
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -199,6 +199,7 @@ class _Folder:
     settings: dict[str, Any]  # of frames made with others nothing is taken
     rows: dict[str, Row] = field(default_factory=dict)  # of the table, by the frame's name
     undrawn: list[str] = field(default_factory=list)  # why there is no recording
+    seen: Mapping[str, Any] = field(default_factory=dict)  # the first frame's field of view
 
     def read_done(self) -> None:
         """Read the table of an earlier call; ValueError in one sentence, if it is of something else."""
@@ -211,8 +212,10 @@ class _Folder:
             "choose another, or begin anew with overwrite=True"
         )
         with name_damage(self.path, expected):
-            if read_json(self.path / "report.json", "report")["settings"] != self.settings:
+            report = read_json(self.path / "report.json", "report")
+            if report["settings"] != self.settings:
                 raise ValueError("other settings")
+            self.seen = report["field"]
             lines = read_bytes(table).decode(errors="surrogateescape").splitlines()
             for line in csv.DictReader(lines):
                 row = {
@@ -249,6 +252,7 @@ class _Folder:
         result = step.result
         if result is None:
             return
+        self.seen = self.seen or result.report.field_seen
         known = result.distance[result.mask]
         row |= measure_result(result) | {
             "unit": result.problem.unit,
@@ -271,6 +275,7 @@ class _Folder:
             "frames": len(self.frames),
             "done": len(units),
             "unit": units[0],
+            "field": self.seen,
             "warnings": self.undrawn,
             "settings": self.settings,
         }

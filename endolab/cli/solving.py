@@ -116,6 +116,7 @@ def load_endoscope(
     from endolab.frames.nominal import nominal_of_several
     from endolab.io.cameras.readers import MissingSize
     from endolab.io.datasets.known_endoscopes import load_calibration
+    from endolab.model.endoscope import same_shape
 
     if calibration is None:
         if crop is not None:
@@ -136,7 +137,24 @@ def load_endoscope(
     is_nominal = "nominal" in known.evidence.get("photometry", {})
     if is_nominal and next(_sample(sources)).is_linear:
         known = replace(known, photometry=replace(known.photometry, gamma=1.0))
-    return known if crop is None else _crop(known, crop, next(_sample(sources)))
+    if crop is None or known.evidence.get("crop") == [*crop]:  # a result's own file
+        return known
+    frame = next(_sample(sources))
+    column, row, *cut = crop
+    own, size = (known.camera.width, known.camera.height), (frame.width, frame.height)
+
+    def holds(whole: tuple[int, int]) -> bool:
+        return column + cut[0] <= whole[0] and row + cut[1] <= whole[1]
+
+    # Of the calibration's pictures, or of this one: sizes tell.
+    if own == size or not (holds(size) and same_shape(cut, own)):
+        return known.crop(*crop)
+    if own != tuple(cut) and holds(own) and same_shape(size, cut):
+        raise ValueError(
+            f"--crop {','.join(map(str, crop))} may be a part of {frame.name}, {size[0]}x{size[1]} px, or of "
+            f"the calibration's {own[0]}x{own[1]} px: cut the picture first, or take Calibration.crop"
+        )
+    return replace(known, part=crop)
 
 
 def _sample(sources: Sequence[str]) -> Iterator[Frame]:
@@ -168,26 +186,6 @@ def _sample(sources: Sequence[str]) -> Iterator[Frame]:
             yield frame
     if len(refused) == len(names):
         raise refused[0]
-
-
-def _crop(known: Calibration, crop: tuple[int, int, int, int], frame: Frame) -> Calibration:
-    """Return a calibration for a part of its pictures, or of a frame: which of them, sizes tell."""
-    from endolab.model.endoscope import same_shape
-
-    column, row, *cut = crop
-    own, size = (known.camera.width, known.camera.height), (frame.width, frame.height)
-
-    def holds(whole: tuple[int, int]) -> bool:
-        return column + cut[0] <= whole[0] and row + cut[1] <= whole[1]
-
-    if own == size or not (holds(size) and same_shape(cut, own)):
-        return known.crop(*crop)
-    if own != tuple(cut) and holds(own) and same_shape(size, cut):
-        raise ValueError(
-            f"--crop {','.join(map(str, crop))} may be a part of {frame.name}, {size[0]}x{size[1]} px, or of "
-            f"the calibration's {own[0]}x{own[1]} px: cut the picture first, or take Calibration.crop"
-        )
-    return replace(known, part=crop)
 
 
 # Pages ----------------------------------------------------------------------------------

@@ -12,7 +12,7 @@ import numpy as np
 from endolab.frames.frame import Frame
 from endolab.model.cameras import KannalaBrandt
 from endolab.model.endoscope import NOMINAL_LIGHT, Calibration
-from endolab.model.photometry import NOMINAL, Photometry
+from endolab.model.photometry import NOMINAL
 from endolab.numerics.checks import check_kinds, number
 
 
@@ -55,12 +55,8 @@ def nominal_calibration(frame: Frame, fov: float = 140.0) -> Calibration:
     f = (radius + 0.5) / np.deg2rad(fov / 2)
     camera = KannalaBrandt(frame.width, frame.height, f, f, cx, cy, (0, 0, 0, 0))
     evidence = {"camera": {"nominal": True, "fov": fov}, **NOMINAL_LIGHT}
-    return Calibration(camera, nominal_light(frame.is_linear), evidence)
-
-
-def nominal_light(is_linear: bool) -> Photometry:
-    """Assume a light, for pictures that say that they are linear, or for others."""
-    return replace(NOMINAL, gamma=1.0) if is_linear else NOMINAL
+    light = replace(NOMINAL, gamma=1.0) if frame.is_linear else NOMINAL
+    return Calibration(camera, light, evidence)
 
 
 def nominal_of_several(frames: Iterable[Frame], fov: float) -> Calibration:

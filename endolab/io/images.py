@@ -62,21 +62,15 @@ REFUSED = ("raw", "HEIC", "JPEG XL")
 FORMATS = [kind for kind in HEADS if kind not in (*REFUSED, "", "DICOM")] + ["TGA"]
 # Of what begins otherwise, or is damaged; these are pictures all the same.
 SUFFIXES = (
-    *(".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".gif", ".tga", ".dcm"),
-    *(".jp2", ".j2k", ".pnm", ".ppm", ".pgm", ".pbm", ".avif"),
-    *(".hdr", ".exr", ".pfm"),  # which are refused as pictures
+    r"\.(png|jpe?g|tiff?|bmp|webp|gif|tga|dcm|jp2|j2k|p[bgnp]m|avif|"
+    r"hdr|exr|pfm)"  # which are refused as pictures
 )
 KINDS = "PNG, JPEG, JPEG 2000, TIFF, BMP, WebP, AVIF, GIF, PNM, TGA or DICOM"
 PICTURE = f"a whole picture ({KINDS} of 8 or 16 bits, no floats or HDR, at most 178 million pixels)"
 CURVES = {16: "PQ", 18: "HLG"}  # of ITU-T H.273, no powers of the light
 LINEAR = 8
 # How a curve of an ICC profile begins that is a straight line.
-STRAIGHT = (
-    b"curv" + bytes(8),
-    b"curv" + bytes(4) + b"\0\0\0\1\1\0",
-    b"curv" + bytes(4) + b"\0\0\0\2\0\0\xff\xff",
-    b"para" + bytes(8) + b"\0\1\0\0",
-)
+STRAIGHT = rb"curv\0{4}(\0{4}|\0{3}\x01\x01\0|\0{3}\x02\0\0\xff\xff)|para\0{9}\x01\0\0"
 ORIENTATION = 274  # tag of Exif and TIFF: how a picture is to be turned
 OPAQUE = 0.995  # of the largest alpha; with less, a pixel is mixed with what lies beneath
 log = logging.getLogger("endolab")
@@ -84,12 +78,13 @@ log = logging.getLogger("endolab")
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Silence OpenCV and FFmpeg about a damaged file, which is said in one sentence instead."""
+    """Silence others about a damaged file, which is said in one sentence instead."""
     level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     # Looked at when a process opens its first video, and never again.
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     try:
-        yield
+        with warnings.catch_warnings(action="ignore"):
+            yield
     finally:
         cv2.utils.logging.setLogLevel(level)
 
@@ -123,9 +118,9 @@ def kind_of(path: PathLike) -> str:
     if file.is_file():  # a pipe might never end
         with suppress(OSError), file.open("rb") as stream:
             head = stream.read(2**16)
-    named = file.suffix.lower() if not file.is_dir() else ""
     found = (kind for kind, begin in HEADS.items() if re.match(begin, head, re.DOTALL))
-    return next(found, named if named in SUFFIXES else "")
+    is_named = re.fullmatch(SUFFIXES, file.suffix, re.IGNORECASE) and not file.is_dir()
+    return next(found, file.suffix if is_named else "")
 
 
 def read_stored(
@@ -149,12 +144,12 @@ def read_stored(
         stored = read_dicom(path, page, DECODED, calibration)
         return stored, np.ones(stored.shape[:2]), False
     # Pillow refuses what is cut off, or has a wrong checksum, where OpenCV does not.
-    with name_damage(path, PICTURE), warnings.catch_warnings(action="ignore"):
+    with name_damage(path, PICTURE), quiet():
         Image.open(io.BytesIO(content), formats=FORMATS).verify()
         picture = Image.open(io.BytesIO(content), formats=FORMATS)
     columns, rows = picture.size
     check_memory(columns * rows * DECODED, f"{path}: a picture of {columns}x{rows} px")
-    with name_damage(path, PICTURE), quiet(), warnings.catch_warnings(action="ignore"):
+    with name_damage(path, PICTURE), quiet():
         is_tiff = picture.format == "TIFF"
         pages = 1 if is_tiff else getattr(picture, "n_frames", 1)
         picture.seek(page)
@@ -184,7 +179,7 @@ def read_stored(
             raise ValueError
     if pages > 1 and picture.format != "MPO":  # a telephone's, with a preview
         log.warning("%s holds %d pictures: the first is taken", path, pages)
-    say_curve(path, curve_of(content))
+    say_curve(path, content)
     is_linear = _states_linear(picture, content)
     if is_turned:
         if is_deep and is_tiff:  # which OpenCV turns
@@ -225,7 +220,7 @@ def _states_linear(picture: ImageFile, content: bytes) -> bool:
         return code == LINEAR or (code == 0 and is_unit)
     place = profile.find(b"TRC", 128) + 3  # behind it, where the curve begins
     start = int.from_bytes(profile[place : place + 4])
-    return place > 2 and profile[start:].startswith(STRAIGHT)
+    return place > 2 and re.match(STRAIGHT, profile[start:]) is not None
 
 
 def say_turned(name: PathLike) -> None:
@@ -243,8 +238,9 @@ def curve_of(content: bytes | mmap) -> int:
     return 0
 
 
-def say_curve(name: PathLike, code: int) -> None:
-    """Say that values are coded as PQ or HLG (ITU-R BT.2100), by the code of their curve."""
+def say_curve(name: PathLike, content: bytes | mmap) -> None:
+    """Say that values are coded as PQ or HLG (ITU-R BT.2100)."""
+    code = curve_of(content)
     if code in CURVES:
         message = "%s is coded in %s, which is no power γ of the light: export it in a standard range"
         log.warning(message, name, CURVES[code])
@@ -293,7 +289,7 @@ def page_times(path: PathLike) -> list[float]:
     if kind == "TIFF":
         with (
             suppress(Exception),  # packages promise nothing about which, if it is damaged
-            warnings.catch_warnings(action="ignore"),
+            quiet(),
             Image.open(path, formats=["TIFF"]) as picture,
         ):
             pages = getattr(picture, "n_frames", 1)

@@ -47,10 +47,8 @@ class SolvingSettings:
         if "albedo" in light:
             light["brdf"] = Lambertian(light.pop("albedo"))
         lamps = light.pop("lamps", None)
-        photometry, evidence = (
-            replace(calibration.photometry, **light),
-            calibration.evidence,
-        )
+        photometry = replace(calibration.photometry, **light)
+        evidence = calibration.evidence
         if lamps is not None:
             photometry = photometry.with_lamps(lamps)
             evidence = evidence | {"lamps": "given"}

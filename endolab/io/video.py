@@ -17,7 +17,6 @@ from endolab.io.dicom import make_square
 from endolab.io.images import (
     DECODED,
     KINDS,
-    curve_of,
     kind_of,
     page_times,
     quiet,
@@ -130,7 +129,7 @@ def _open_video(path: Path, calibration: Calibration | None) -> Frames:
     if capture.get(cv2.CAP_PROP_ORIENTATION_META) != 0:
         say_turned(path)
     with path.open("rb") as file, mmap(file.fileno(), 0, access=ACCESS_READ) as content:
-        say_curve(path, curve_of(content))
+        say_curve(path, content)
     count = tried = 0
     times = {}
     with quiet():

@@ -9,7 +9,9 @@ from __future__ import annotations
 import hashlib
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
+import cv2
 import numpy as np
 
 from endolab.frames.frame import (
@@ -19,9 +21,10 @@ from endolab.frames.frame import (
     usable_pixels,
 )
 from endolab.frames.highlights import find_highlights, inpaint
+from endolab.model.cameras import Camera
 from endolab.model.endoscope import Calibration
 from endolab.model.photometry import CHANNELS
-from endolab.numerics.arrays import FloatArray
+from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.memory import check_memory
 from endolab.numerics.noise import noise_level
 from endolab.numerics.resampling import resample
@@ -42,6 +45,7 @@ def problem_of_frame(frame: Frame, calibration: Calibration, settings: Settings)
     width, height = _size_of_problem(frame, settings)
     picture_size = (frame.width, frame.height)
     fingerprint = fingerprint_of(frame)
+    whole = frame
     photometry = calibration.photometry
     if width != frame.width:
         frame = frame.resize(width, height, photometry.gamma)
@@ -49,6 +53,9 @@ def problem_of_frame(frame: Frame, calibration: Calibration, settings: Settings)
     highlights = settings.used_highlights
     seen = frame.pixels_to_use()
     known = seen & camera.field.valid
+    # On the frame's own pixels, if all have a ray.
+    shown = known if (seen & ~known).any() else whole.pixels_to_use()
+    field = measure_field(shown, camera, picture_size) if known.any() else {}
     mirrored = silent = np.zeros_like(known) if frame.silent is None else frame.silent
     if highlights != "keep":
         mirrored = silent | find_highlights(frame.image, known, photometry.gamma)
@@ -71,6 +78,7 @@ def problem_of_frame(frame: Frame, calibration: Calibration, settings: Settings)
         report = Report(
             frame=frame.name,
             picture_size=picture_size,
+            field_seen=field,
             calibration=calibration,
             width=camera.width,
             height=camera.height,
@@ -105,6 +113,25 @@ def problem_of_frame(frame: Frame, calibration: Calibration, settings: Settings)
         return replace(problem, report=replace(problem.report, light=LightOutcome.GREY))
     red, green, blue = side_by_side(make, CHANNELS, frame.width * frame.height)
     return replace(green, colours=(red, green, blue))
+
+
+def measure_field(
+    shown: BoolArray, camera: Camera, size: tuple[int, int]
+) -> dict[str, Any]:
+    """Return how wide and high the field of view is, px of a frame's size, and its widest angle, degrees.
+
+    `shown` (h, w) is True there, on any grid. The angle is of the ray farthest off the axis with any other;
+    twice its own, if that is more than 90°.
+    """
+    hull = cv2.convexHull(cv2.findNonZero(shown.astype(np.uint8)))[:, 0]
+    rays = camera.resize(*shown.shape[::-1]).unproject(hull)
+    aside = rays[np.nanargmin(rays[:, 2])]
+    angle = np.arccos(np.clip([aside[2], np.nanmin(rays @ aside)], -1, 1))
+    px = np.divide(size, shown.shape[::-1]) * (np.ptp(hull, axis=0) + 1)
+    return {
+        "px": np.rint(px).astype(int).tolist(),
+        "degrees": float(np.rad2deg(2 * angle[0] if aside[2] < 0 else angle[1])),
+    }
 
 
 def make_problem(frame: Frame, calibration: Calibration, **options: object) -> Problem:

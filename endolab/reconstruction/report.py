@@ -275,25 +275,6 @@ def what_is_left(result: Result) -> str:
     return f"one step of Gauss-Newton would lower its energy by {100 * result.left:.0f} %"
 
 
-def field_seen(result: Result) -> dict[str, Any]:
-    """Say how wide and high the field of view is, px of the picture, and its widest angle, degrees.
-
-    That is of the ray farthest off the axis with any other; twice its own, if that is more than 90°.
-    """
-    problem = result.problem
-    shown = problem.mask if problem.seen is None else problem.seen
-    rows, columns = np.nonzero(shown & problem.field.valid)
-    rays = problem.field.rays[rows, columns]
-    aside = rays[rays[:, 2].argmin()]
-    angle = np.arccos(np.clip([aside[2], (rays @ aside).min()], -1, 1))
-    scale = np.divide(result.report.picture_size or shown.shape[::-1], shown.shape[::-1])
-    px = scale * [np.ptp(columns) + 1, np.ptp(rows) + 1]
-    return {
-        "px": np.rint(px).astype(int).tolist(),
-        "degrees": float(np.rad2deg(2 * angle[0] if aside[2] < 0 else angle[1])),
-    }
-
-
 def summary(result: Result, sigma: FloatArray | None = None) -> Iterator[str]:
     """Say what a run found, a line each, as the command line prints it; σ (H, W), if it is known."""
     known = result.distance[result.mask]
@@ -306,7 +287,7 @@ def summary(result: Result, sigma: FloatArray | None = None) -> Iterator[str]:
         f"distance: median {np.median(known):.4g}, from {known.min():.4g} to {known.max():.4g} "
         f"({result.problem.unit})"
     )
-    field = field_seen(result)
+    field = result.report.field_seen
     yield "field: {}x{} px, {:.0f}° across".format(*field["px"], field["degrees"])
     yield from (*nominal_light(result), *notes(result))
     yield from (*_of_evidence(result.problem), *warnings(result))

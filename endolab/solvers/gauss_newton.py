@@ -105,8 +105,8 @@ def _adapt_start(
     state = settle(steps, tolerance)
     for level in range(len(grids) - 2, -1, -1):
         fine = grids[level]
-        change = fine.interpolate(state.v - starts[level + 1])
-        maps = fine.interpolate(state.v), starts[level] + change
+        found = fine.interpolate(state.v)
+        maps = found, starts[level] + found - fine.interpolate(starts[level + 1])
         state = min(
             (evaluate(fine, v, lam) for v in maps),
             key=lambda state: state.energy,

@@ -51,6 +51,8 @@ class Report:
     picture_size: tuple[int, int] | None = (
         None  # columns, rows of the frame that was given, px
     )
+    # Of the field of view: "px", columns and rows of the frame, and "degrees", its widest angle.
+    field_seen: Mapping[str, Any] = field(default_factory=dict)
     # Of the endoscope, as it was used.
     calibration: Calibration | None = field(default=None, repr=False)
     width: int = 0  # of the problem, px

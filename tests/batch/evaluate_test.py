@@ -1,5 +1,7 @@
 """Depth maps of other programs against the truth: every format, and figures computed on their own."""
 
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
@@ -48,32 +50,34 @@ def figures(made):
     return e.mean_percent / 100, e.rmse_z_mm, *np.divide(within, 100)
 
 
-def write_as(folder, name, z):
-    """Write a depth map under a name that says how; the mm that 1 in it stands for."""
-    path = folder / name
-    unit = {"in_m.npy": 1000.0, "png.png": 1 / 256}.get(name, 1.0)
-    stored = z / np.float32(unit)
-    match path.suffix:
-        case ".npy":
-            np.save(path, stored[None, :, :, None])
-        case ".npz":
-            np.savez(path, **{path.stem.partition("-")[0]: stored, "poses": np.eye(4)})
-        case ".png":
-            cv2.imwrite(str(path), np.nan_to_num(stored).round().astype(np.uint16))
-        case _:
-            cv2.imwrite(str(path), stored)
-    return path, unit
+# How other programs write z, mm, by a name that says how; and the mm that 1 in it stands for.
+HEAD = f"{SHAPE[1]}&{SHAPE[0]}&1&".encode()
+WRITERS = {
+    "in_m.npy": lambda path, z: np.save(path, z[None, :, :, None] / 1000),
+    "three.npy": lambda path, z: np.save(path, np.dstack([z, z, z])),
+    "back.npy": lambda path, z: np.save(path, -z),  # behind the camera
+    "Depth_Map.npz": lambda path, z: np.savez(path, Depth_Map=z, poses=np.eye(4)),
+    "png.png": lambda path, z: cv2.imwrite(path, np.uint16(np.round(256 * z))),
+    "xyz.tiff": lambda path, z: cv2.imwrite(path, np.dstack([z, -z, 0 * z])),
+    "z.tiff": cv2.imwrite,
+    "z.pfm": cv2.imwrite,
+    "rows.csv": lambda path, z: np.savetxt(path, z, delimiter=","),
+    "a.geometric.bin": lambda path, z: Path(path).write_bytes(HEAD + z.tobytes()),
+}
+UNITS = {"in_m.npy": 1000.0, "png.png": 1 / 256}
 
 
-@pytest.mark.parametrize("name", ["in_m.npy", "Depth_Map.npz", "png.png", "z.tiff"])
-def test_every_format_gives_the_figures_of_papers(tmp_path, truth, guess, name):
-    path, unit = write_as(tmp_path, name, guess)
-    step = 0.5 / 256 / np.nanmin(truth[0]) if path.suffix == ".png" else 1e-5
-    made = evaluate(path, truth[1], unit=unit)
+@pytest.mark.parametrize("name", WRITERS)
+def test_every_format_gives_the_figures_of_papers(tmp_path, truth, guess, name, caplog):
+    path = str(tmp_path / name)
+    WRITERS[name](path, np.nan_to_num(guess))
+    step = 0.5 / 256 / np.nanmin(truth[0]) if name == "png.png" else 1e-5
+    made = evaluate(path, truth[1], unit=UNITS.get(name, 1.0))
     assert (made.kind, made.align) == ("distance", "none")
     expected = papers(guess, truth[0])
     assert figures(made) == pytest.approx(expected, rel=10 * step, abs=2e-3)
     assert made.errors.pixels == np.sum((guess > 0) & np.isfinite(truth[0]))
+    assert ("negative" in caplog.text) is (name == "back.npy")
 
 
 def test_distance_and_z_are_told_apart_and_converted_by_a_camera(
@@ -118,30 +122,15 @@ def test_arrays_are_aligned_as_what_they_are(caplog, truth, change, how, percent
     assert falls is ((change(9.0) < change(8.0)) is not ("kind" in how))
 
 
-def test_what_a_truth_may_hold(tmp_path, truth, guess, caplog):
-    """One largest number is unknown; z behind a camera is turned; channels and XYZ are one map."""
-    z = np.nan_to_num(truth[0]).astype(np.float32)
-    expected = papers(guess, truth[0])
-    far = np.where(z > 0, z, 1e10)
-    xyz = np.dstack([z, np.ones_like(z), -z])  # as OpenCV has them: Z, Y, X
-    head = f"{SHAPE[1]}&{SHAPE[0]}&1&".encode()
-    np.save(tmp_path / "back.npy", -z)
-    np.save(tmp_path / "far.npy", far)
-    np.save(tmp_path / "three.npy", np.dstack([z, z, z]))
-    np.savetxt(tmp_path / "rows.csv", z, delimiter=",")
-    cv2.imwrite(str(tmp_path / "xyz.tiff"), xyz)
-    cv2.imwrite(str(tmp_path / "z.pfm"), z)
-    (tmp_path / "a.png.geometric.bin").write_bytes(head + z.tobytes())
-    for path in tmp_path.glob("[!t]*.*"):
-        made = evaluate(guess, path, unit=1)
-        assert figures(made) == pytest.approx(expected, abs=1e-4), path
+def test_one_largest_number_of_a_truth_and_what_is_too_far_are_unknown(
+    truth, guess, caplog
+):
+    z = np.nan_to_num(truth[0])
+    made = evaluate(guess, np.where(z > 0, z, 1e10), unit=1)
+    assert figures(made) == pytest.approx(papers(guess, truth[0]), abs=1e-4)
     assert "one number" in caplog.text
-    assert "negative" in caplog.text
-    near = evaluate(guess, tmp_path / "z.pfm", unit=1, max_depth=30)
+    near = evaluate(guess, z, unit=1, max_depth=30)
     assert near.errors.pixels == np.sum((guess > 0) & (z > 0) & (z <= 30))
-    cv2.imwrite(str(tmp_path / "own1_depth.png"), np.uint16(z))
-    with pytest.raises(ValueError, match="by its name"):
-        evaluate(guess, tmp_path / "own1_depth.png", unit=1)
 
 
 def test_a_mask(tmp_path, truth, guess):
@@ -150,8 +139,7 @@ def test_a_mask(tmp_path, truth, guess):
     mask[10:30, 20:50] = 1
     write_image(tmp_path / "mask.png", mask)
     expected = papers(guess[10:30, 20:50], truth[0][10:30, 20:50])
-    kinds = [(255 * mask).astype("u1"), *map(mask.astype, ("?", "u1", "i8", "f4"))]
-    for given in (tmp_path / "mask.png", *kinds):
+    for given in (tmp_path / "mask.png", np.uint8(255 * mask), mask, mask > 0):
         part = evaluate(tmp_path / "z.npy", truth[1], unit=1, mask=given)
         assert part.errors.pixels == 600
         assert figures(part) == pytest.approx(expected, rel=1e-4)
@@ -163,6 +151,7 @@ def test_a_mask(tmp_path, truth, guess):
         ("{:04d}.npy", "{:04d}.npy"),
         ("frame_{}_depth.npy", "{:04d}_depth.tiff"),
         ("{}/depth.npy", "sub/truth-{:03d}.npy"),
+        ("{}.csv", "{:03d}.txt"),
     ],
 )
 def test_folders_are_paired_by_name_or_number(tmp_path, prediction, true):
@@ -172,12 +161,13 @@ def test_folders_are_paired_by_name_or_number(tmp_path, prediction, true):
     theirs = {n: tmp_path / "b" / true.format(n) for n in (12, 10, 9, 2)}
     for path in (*ours.values(), *theirs.values()):
         path.parent.mkdir(parents=True, exist_ok=True)
-    for n, path in ours.items():
-        np.save(path, np.full((40, 50), 20 + 0.2 * percent.get(n, 0)))
     z = np.full((40, 50), 20.0)
+    for n, path in ours.items():
+        save = np.save if path.suffix == ".npy" else np.savetxt
+        save(path, z + 0.2 * percent.get(n, 0))
     for path in theirs.values():
-        if path.suffix == ".npy":
-            np.save(path, z)
+        if path.suffix != ".tiff":
+            save(path, z)
         else:  # C3VD's, beside its colours
             cv2.imwrite(str(path), np.round(z * 655.35).astype(np.uint16))
             colour = path.name.replace("depth.tiff", "color.png")

@@ -101,10 +101,6 @@ def test_a_recording_has_an_answer_and_its_error_for_each_lambda(
     at = Recorded(recording, [LAMBDAS]).rows["/stage"]["text"]
     named = {-1000: "λ 0.1", 0: "λ 1", 1000: "λ 10"}
     assert {place: words[0].as_py() for place, words in at.items()} == named
-    with pytest.raises(ValueError, match="one frame"):
-        sweep(
-            frames, CALIBRATION, table=tmp_path / "2.csv", recording=tmp_path / "b.rrd"
-        )
 
 
 def test_each_xi_has_its_lambdas_found_anew_if_asked(frames, tmp_path):
@@ -118,16 +114,6 @@ def test_each_xi_has_its_lambdas_found_anew_if_asked(frames, tmp_path):
     runs = el.read_recording(tmp_path / "lam.rrd").runs
     recorded = [x for run in runs.values() for x in run.table()["energy"]]
     assert recorded == pytest.approx([row["energy"] for row in rows])
-
-
-def test_what_cannot_be_recorded_costs_no_row(frames, tmp_path, monkeypatch, caplog):
-    monkeypatch.delattr("endolab.workbench.recording.recorder.paint")
-    how = {"table": tmp_path / "1.csv", "recording": tmp_path / "lam.rrd"}
-    rows = sweep(frames[:1], CALIBRATION, lam=[0.1, 1], **how)
-    assert [row["error"] for row in rows] == ["", ""]
-    assert [path.name for path in tmp_path.iterdir()] == ["1.csv"]
-    (logged,) = caplog.records
-    assert "lam.rrd could not be drawn" in logged.getMessage()
 
 
 def test_workers_end_with_a_sweep_that_is_killed(tmp_path):

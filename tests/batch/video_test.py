@@ -92,6 +92,7 @@ def test_a_folder_becomes_a_folder(film, out):
     assert recorded(out) == expected
     report = json.loads((out / "report.json").read_text(encoding="utf-8"))
     assert (report["done"], report["unit"]) == (3, found.rows[0]["unit"])
+    assert report["field"]["px"] == [96, 72]
     middle = np.nanmedian(distances(out, "frame_4"))
     assert found.rows[4]["median_distance"] == pytest.approx(middle, rel=1e-5)
 

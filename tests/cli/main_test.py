@@ -160,13 +160,14 @@ def fail_with(error):
 def test_what_cannot_be_drawn_costs_no_answer(
     place, solve, tmp_path, caplog, monkeypatch
 ):
-    monkeypatch.setattr(place, fail_with(ValueError("no such colour")))
+    monkeypatch.setattr(place, fail_with(ValueError("no such\ncolour")))
     assert solve("--solver facing --out out --prepare") == 0
     lost = DRAWING[place]
     assert set(names(tmp_path / "out")) == {*OUTPUTS, "preparation.png"} - {lost}
     sentence = report(tmp_path / "out")["warnings"][-1]
     assert lost in sentence
-    assert "no such colour" in sentence
+    assert "colour" in sentence
+    assert sentence.isprintable()
     assert [one.getMessage() for one in caplog.records] == [sentence]
 
 
@@ -193,6 +194,7 @@ def test_options_arrive(solve, tmp_path):
     assert solve(f"--out o {options} --contours no --albedo 0.4", "unknown.json") == 0
     content = report(tmp_path / "o")
     assert (content["settings"]["regulariser"], content["metric"]) == ("first", True)
+    assert content["field"]["px"] == [80, 120]
     depth = maps(tmp_path / "o/depth.npz")
     assert depth["distance"].shape == (60, 80)
     assert depth["mask"][:, :39].mean() > 0.9
@@ -220,6 +222,18 @@ def test_a_settings_file_gives_what_options_give_and_options_win(solve, tmp_path
     assert np.nanmedian(found[2]) == pytest.approx(20, rel=1e-6)
 
 
+def test_the_same_command_with_a_results_own_endoscope_gives_its_answer(
+    solve, tmp_path
+):
+    for out, known in (
+        ("one", "sim/endoscope.json"),
+        ("two", tmp_path / "one/endoscope.json"),
+    ):
+        assert solve(f"--crop 40,30,80,60 --solver facing --out {out}", known) == 0
+    one, two = (maps(tmp_path / out / "depth.npz")["z"] for out in ("one", "two"))
+    np.testing.assert_array_equal(one, two)
+
+
 @pytest.fixture
 def film(work, tmp_path, monkeypatch):
     """Words that name the calibration; beside the folder `film`, in which one of three pictures is broken."""
@@ -236,7 +250,13 @@ def test_a_video_goes_on_and_tells_what_became_of_it(film, tmp_path, capsys):
     assert call(f"{words} --every 2 --limit 1") == call(words) == 0
     output, error = capsys.readouterr()
     assert error == ""
-    for word in ("2 of 3", "earlier call: 1", "not done: 2.png", "relative", ".rrd"):
+    for word in (
+        "2 of 3",
+        "earlier call: 1",
+        "not done: film/2.png",
+        "relative",
+        ".rrd",
+    ):
         assert word in output
     assert len((tmp_path / "o/frames.csv").read_text().splitlines()) == 4
 

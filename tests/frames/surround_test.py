@@ -16,6 +16,7 @@ ROW, COLUMN = np.indices((HIGH, WIDE))
 DOWN = np.abs(ROW - (HIGH - 1) / 2)
 ACROSS = np.abs(COLUMN - (WIDE - 1) / 2)
 DISC = np.hypot(ACROSS, DOWN) < 165
+TOP_LEFT = [(6, 30), (6, 52), (6, 74)]
 SHAPES = {
     "disc": DISC,
     "cut disc": np.hypot(ACROSS, DOWN) < 215,
@@ -72,36 +73,31 @@ def blurred(noise, soft, quality=100):
     return show
 
 
-def with_text(*boxes):
+def with_text(*boxes, inside=DISC, size=0.4, places=TOP_LEFT):
     """Text and boxes on the surround belong to it."""
 
     def show(wall, rng, level):
         around = np.full(wall.shape, level, dtype=np.uint8)
         for *box, colour in boxes:
             cv2.rectangle(around, box, colour, cv2.FILLED)
-        for line, words in enumerate(("NAME J D", "12/04/26", "ID 0042")):
-            place = (6, 30 + 22 * line)
-            cv2.putText(around, words, place, cv2.FONT_HERSHEY_SIMPLEX, 0.4, (230,) * 3)
-        return surrounded(wall, DISC, around), DISC
+        for place in places:
+            cv2.putText(
+                around, "12/04/26", place, cv2.FONT_HERSHEY_SIMPLEX, size, (230,) * 3
+            )
+        return surrounded(wall, inside, around), inside
 
     return show
 
 
 def in_corners(width, colour):
     """Text, or boxes, in the four corners around an octagon."""
-
-    def show(wall, rng, level):
-        around = np.full(wall.shape, level, dtype=np.uint8)
-        for corner in ((0, 0), (WIDE - 90, 0), (0, HIGH - 30), (WIDE - 90, HIGH - 30)):
-            cv2.rectangle(around, (*corner, width, 30), colour, cv2.FILLED)
-            place = (corner[0] + 2, corner[1] + 14)
-            cv2.putText(
-                around, "fr 2841", place, cv2.FONT_HERSHEY_SIMPLEX, 0.6, (230,) * 3
-            )
-        inside = (ACROSS < 168) & (DOWN < 168) & (ACROSS + DOWN < 240)
-        return surrounded(wall, inside, around), inside
-
-    return show
+    corners = [(x, y) for x in (0, WIDE - 90) for y in (0, HIGH - 30)]
+    return with_text(
+        *((*corner, width, 30, colour) for corner in corners),
+        inside=(ACROSS < 168) & (DOWN < 168) & (ACROSS + DOWN < 240),
+        size=0.6,
+        places=[(x + 2, y + 14) for x, y in corners],
+    )
 
 
 def fading(wall, rng, level):

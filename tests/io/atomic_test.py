@@ -12,7 +12,6 @@ from endolab.io.atomic import (
     check_new,
     read_bytes,
     read_json,
-    say_undrawn,
     stage_file,
     stage_folder,
     write_atomically,
@@ -70,31 +69,6 @@ def test_a_failure_leaves_nothing_and_what_was_there(tmp_path, old, error):
             write(folder, "a", "b", error=error, overwrite=True)
     assert texts(tmp_path) == before
     assert [path.name for path in tmp_path.iterdir()] == ["old"]
-
-
-def draw(path, error, undrawn):
-    with say_undrawn(path, undrawn):
-        path.write_text("half")
-        raise error
-
-
-def test_what_cannot_be_drawn_is_a_sentence_and_no_file(old, caplog):
-    undrawn = []
-    draw(old / "a", KeyError("a colour\nof two lines"), undrawn)
-    assert set(texts(old)) == {"mine", "report.json"}
-    assert undrawn == [one.getMessage() for one in caplog.records]
-    (sentence,) = undrawn
-    assert sentence.startswith("a could not be drawn")
-    assert "KeyError" in sentence
-    assert sentence.isprintable()
-
-
-@pytest.mark.parametrize("error", [OSError("full"), MemoryError(), KeyboardInterrupt()])
-def test_what_is_no_fault_of_a_picture_is_passed_on(old, error):
-    undrawn = []
-    with pytest.raises(type(error)):
-        draw(old / "a", error, undrawn)
-    assert undrawn == []
 
 
 @pytest.mark.parametrize("name", ["new", "old"])

@@ -1,7 +1,6 @@
 """Frames of folders and videos, whole or damaged."""
 
 import struct
-import zlib
 
 import cv2
 import numpy as np
@@ -11,7 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
 
 import endolab as el
-from endolab.io.images import read_image, write_image
+from endolab.io.images import write_image
 from endolab.io.video import is_sequence, open_frames, write_video
 
 
@@ -103,20 +102,15 @@ def numbers_in(path):
 
 @pytest.mark.parametrize(("transfer", "named"), [(1, ""), (16, "PQ"), (18, "HLG")])
 def test_values_that_are_no_power_of_the_light_are_named(
-    tmp_path, pictures, caplog, transfer, named
+    tmp_path, caplog, transfer, named
 ):
     write_numbered(tmp_path / "v.mp4", "mp4v")
     with (tmp_path / "v.mp4").open("ab") as file:
         head = struct.pack(">I", 19) + b"colrnclx"
         file.write(head + struct.pack(">HHHB", 9, transfer, 9, 0))
     assert len(open_frames(tmp_path / "v.mp4").names) == 30
-    write_image(tmp_path / "a.png", pictures[0])
-    png = (tmp_path / "a.png").read_bytes()
-    chunk = b"cICP" + bytes([9, transfer, 0, 1])
-    chunk = struct.pack(">I", 4) + chunk + struct.pack(">I", zlib.crc32(chunk))
-    (tmp_path / "a.png").write_bytes(png[:33] + chunk + png[33:])
-    assert_allclose(read_image(tmp_path / "a.png"), pictures[0], atol=1e-9)
-    assert caplog.text.count(f"coded in {named}") == (2 if named else 0)
+    assert bool(caplog.text) is bool(named)
+    assert named in caplog.text
 
 
 def at_another_rate(content):
@@ -218,14 +212,3 @@ def test_a_video_is_known_by_what_it_is_whatever_its_name(tmp_path, name):
     (tmp_path / name).write_bytes(content[place:])
     assert is_sequence(tmp_path / name)
     assert len(open_frames(tmp_path / name)) == 30
-
-
-@pytest.mark.parametrize("suffix", [".png", ".jpg", ".tif", ".bmp"])
-def test_a_picture_is_known_by_what_it_is_where_its_name_does_not_tell(
-    tmp_path, suffix
-):
-    path = tmp_path / "IMG0001"
-    white = np.full((8, 8, 3), 255, np.uint8)
-    path.write_bytes(cv2.imencode(suffix, white)[1].tobytes())
-    assert not is_sequence(path)
-    assert_allclose(dict(open_frames(path))["IMG0001"], 1, atol=1e-9)

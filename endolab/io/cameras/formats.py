@@ -23,6 +23,11 @@ WAYS_ON = {
     "document.chunk": "Metashape's: save it as OpenCV's, in its Camera Calibration",
     "target_type": "a board of Kalibr, which --target is for",
 }
+NOT_READ = (
+    "no calibration that can be read, which are endoscope.json and those of OpenCV, ROS, "
+    "Kalibr, COLMAP, ORB-SLAM, nerfstudio, Vicalib and C3VD; for MATLAB's, mrcal's and OCamCalib's "
+    "the guide bring_your_own says which numbers to type where"
+)
 LEAST_FOCAL = 0.05  # of the width; a fisheye of 230° has a quarter
 FAR_OFF = 0.2  # of the picture, from its middle to the principal point
 
@@ -36,29 +41,6 @@ def split_choice(name: PathLike) -> tuple[str, str | None]:
     return file, which
 
 
-def _choose(file: str, which: str | None, document: Any, size: Size | None) -> Calibration:
-    """Make a calibration of a document that is not endolab's, with evidence of where it is from."""
-    names = [Path(file).suffix, *(name for name, _ in leaves(document))]
-    for known, way in WAYS_ON.items():
-        if any(name.startswith(known) for name in names):
-            raise ValueError(way)
-    form, cameras = list_cameras(document)
-    if not cameras:
-        raise ValueError(
-            "no calibration that can be read, which are endoscope.json and those of OpenCV, ROS, "
-            "Kalibr, COLMAP, ORB-SLAM, nerfstudio, Vicalib and C3VD; for MATLAB's, mrcal's and OCamCalib's "
-            "the guide bring_your_own says which numbers to type where"
-        )
-    if which is not None and which not in cameras:
-        raise unknown_name("camera", which, cameras, "none at all")
-    taken = next(iter(cameras)) if which is None else which
-    source = {"file": Path(file).name, "format": form, "camera": shorten(taken)}
-    if which is None and len(cameras) > 1:
-        source["others"] = shorten(", ".join(cameras))
-    camera = make_camera(form, cameras[taken], size)
-    return Calibration(camera, NOMINAL, NOMINAL_LIGHT | {"converted": source})
-
-
 def _check_camera(camera: Any) -> str:
     """Say that the centre is far off the middle of the picture; ValueError for what no camera has."""
     focal = getattr(camera, "fx", camera.width)
@@ -67,10 +49,8 @@ def _check_camera(camera: Any) -> str:
             f"fx {focal:g} of {camera.width} columns: normalised by the size, or in mm? Expected px"
         )
     place = f"the principal point, {camera.cx:g}, {camera.cy:g} px of {camera.width}x{camera.height}"
-    off = max(
-        abs((camera.cx + 0.5) / camera.width - 0.5),
-        abs((camera.cy + 0.5) / camera.height - 0.5),
-    )
+    sides = (camera.cx, camera.width), (camera.cy, camera.height)
+    off = max(abs((at + 0.5) / length - 0.5) for at, length in sides)
     if off > 0.5:
         raise ValueError(
             f"{place}, lies outside the picture: is the size another? For a part of a picture give "
@@ -98,14 +78,24 @@ def _read(path: PathLike, size: Size | None) -> tuple[Calibration, list[str]]:
             notes.append(nominal)
     try:
         if not is_own:
-            made = _choose(file, which, document, size)
-            source = made.evidence["converted"]
-            notes.append(f"{source['format']}; {nominal}")
-            if "others" in source:
-                name = f"{source['file']}#NAME"
-                notes.append(
-                    f"{source['camera']} is taken, {name} takes one of {source['others']}"
-                )
+            names = [Path(file).suffix, *(name for name, _ in leaves(document))]
+            for known, way in WAYS_ON.items():
+                if any(name.startswith(known) for name in names):
+                    raise ValueError(way)
+            form, cameras = list_cameras(document)
+            if not cameras:
+                raise ValueError(NOT_READ)
+            if which is not None and which not in cameras:
+                raise unknown_name("camera", which, cameras, "none at all")
+            taken = which or next(iter(cameras))
+            source = {"file": Path(file).name, "format": form, "camera": shorten(taken)}
+            notes.append(f"{form}; {nominal}")
+            if which is None and len(cameras) > 1:
+                source["others"] = shorten(", ".join(cameras))
+                one = f"{source['file']}#NAME takes one of {source['others']}"
+                notes.append(f"{source['camera']} is taken, {one}")
+            camera = make_camera(form, cameras[taken], size)
+            made = Calibration(camera, NOMINAL, NOMINAL_LIGHT | {"converted": source})
         if "crop" not in made.evidence:
             notes.append(_check_camera(made.camera))
     except MissingSize as error:

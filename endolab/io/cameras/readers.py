@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -45,16 +46,8 @@ NUMBER = {
     "cy": "cy|ppy|v0",
     "fisheye": "(is)?fisheye(model)?",
 }
-TERMS = [
-    "k1",
-    "k2",
-    "p1",
-    "p2",
-    "k3",
-    "k4",
-    "k5",
-    "k6",
-]  # OpenCV's coefficients, in its order
+# OpenCV's coefficients, in its order.
+TERMS = ["k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"]
 NUMBER |= {name: name for name in (*TERMS, *"cde", *(f"a{power}" for power in range(5)))}
 TEXT = {
     "model": "distortion(model|type)?",
@@ -95,12 +88,11 @@ def numbers(value: Any, count: int | None = None) -> tuple[float, ...]:
 
 def _few_numbers(value: Any) -> list[float]:
     """Return the numbers of a number, a list, a row or a column, of 16 at most; none of all else."""
-    row = value if isinstance(value, list) else [value]
-    if len(row) == 1 and isinstance(row[0], list):
-        row = row[0]
-    found = [n[0] if isinstance(n, list) and len(n) == 1 else n for n in row[:17]]
-    is_few = len(found) < 17 and all(type(n) in (int, float) for n in found)
-    return found if is_few else []
+    with suppress(ValueError):  # lists of other lengths in a list
+        found = np.asarray(value)
+        if found.dtype.kind in "if" and max(found.shape, default=1) == found.size < 17:
+            return found.ravel().tolist()
+    return []
 
 
 def _plain(name: str) -> str:
@@ -122,6 +114,7 @@ def _size(part: dict[str, Any], given: Size | None) -> Sequence[float]:
         return numbers(part["size"], 2)
     if "width" in part:
         return numbers([part["width"], part["height"]], 2)
+    _refuse_unread(part, False)
     if given is None:
         text = "width and height are missing: give size=(columns, rows), or --size"
         raise MissingSize(text)
@@ -167,25 +160,18 @@ def _meaning(name: str, value: Any) -> tuple[str, str]:
     return "", ""
 
 
-def _understand(document: Any) -> tuple[dict[str, dict[str, Any]], dict[str, Any]]:
-    """Sort what a document says: by camera, or "", what is understood, by meaning; and all else by name."""
-    cameras: dict[str, dict[str, Any]] = {"": {}}
+def _list_named(document: Any) -> dict[str, Any]:
+    """Find each camera of a document, for each kind of lens that it may have, if no name tells it.
+
+    Each is what is understood, by meaning, with all else by name.
+    """
+    found: dict[str, dict[str, Any]] = {"": {}}
     named = [(*_meaning(name, value), name, value) for name, value in leaves(document)]
     for whose, meaning, _, value in named:
-        cameras.setdefault(whose, {}).setdefault(meaning, value)
-    cameras = {
-        whose: own for whose, own in cameras.items() if not whose or own.keys() & CAMERA
-    }
-    unread = {
-        n: value for whose, what, n, value in named if not what or whose not in cameras
-    }
-    return cameras, unread
-
-
-def _list_named(document: Any) -> dict[str, Any]:
-    """Find each camera of a document, for each kind of lens that it may have, if no name tells it."""
+        found.setdefault(whose, {}).setdefault(meaning, value)
     cameras: dict[str, Any] = {}
-    found, unread = _understand(document)
+    known = {whose for whose, own in found.items() if not whose or own.keys() & CAMERA}
+    unread = {n: value for whose, what, n, value in named if not what or whose not in known}
     for whose, own in found.items():
         if not own.keys() & CAMERA:
             continue
@@ -219,7 +205,7 @@ def _kind_of(part: dict[str, Any]) -> str:
 
 def _refuse_unread(part: dict[str, Any], is_lens: bool) -> None:
     """Raise ValueError where something under another name may be coefficients of the lens, or the size."""
-    for name, value in part["unread"].items():
+    for name, value in part.get("unread", {}).items():
         found = _few_numbers(value)
         plain = _plain(name)
         what = "dist_coeffs, and say whether it is a fisheye's"
@@ -255,11 +241,11 @@ def _coefficients(part: dict[str, Any], kind: str) -> tuple[float, ...]:
 def _focal_and_centre(part: dict[str, Any]) -> tuple[float, ...]:
     """Return fx, fy, cx and cy."""
     if "flx" in part:
-        fx, fy, cx, cy = numbers([part[name] for name in ("flx", "fly", "cx", "cy")])
+        fx, fy, cx, cy = numbers([part[name] for name in ["flx", "fly", "cx", "cy"]])
         return fx, fy, cx - 0.5, cy - 0.5
     if "matrix" not in part:
-        names = ("fx", "fy", "cx", "cy")
-        return numbers(part.get("four") or [part[name] for name in names], 4)
+        four = part.get("four") or [part[name] for name in ["fx", "fy", "cx", "cy"]]
+        return numbers(four, 4)
     found = np.array(numbers(part["matrix"]))
     if found.size not in (9, 12, 16):
         raise ValueError(f"expected a matrix of 9 numbers, found {found.size}")
@@ -315,8 +301,6 @@ def make_camera(form: str, part: Any, given: Size | None) -> Camera:
     kind = _kind_of(part)
     focal_and_centre = _focal_and_centre(part)
     k = _coefficients(part, kind)
-    if not part.keys() & {"size", "width"}:
-        _refuse_unread(part, False)
     width, height = _size(part, given)
     document = part["document"]
     roi = document.get("roi")

@@ -19,7 +19,7 @@ from endolab.model.mesh import Mesh
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import PATH, check_kinds
 from endolab.reconstruction.mesh import make_mesh
-from endolab.reconstruction.report import field_seen, meaning, warnings
+from endolab.reconstruction.report import meaning, warnings
 from endolab.reconstruction.scale import scale_of
 from endolab.reconstruction.uncertainty import Uncertainty
 from endolab.solvers.result import Result
@@ -52,7 +52,7 @@ def report(result: Result, uncertainty: Uncertainty | None = None) -> dict[str, 
         "warnings": list(warnings(result)),
         "distance": _percentiles(known, median=50, least=0, greatest=100),
         "pixels": known.size,
-        "field": field_seen(result),
+        "field": result.report.field_seen,
         "photometry": {
             name: getattr(problem.photometry, name) for name in ("k", "gamma", "gain")
         },

@@ -1,6 +1,7 @@
 """Calibrations as their own programs write them: the same rays, or one sentence."""
 
 import json
+import re
 from pathlib import Path
 
 import cv2
@@ -62,68 +63,46 @@ def test_opencv_writes_it(tmp_path, suffix, count):
     assert isinstance(read_camera(path), el.BrownConrady)
 
 
-ROS = {
-    "image_width": 320,
-    "image_height": 240,
-    "camera_name": "narrow",
-    "distortion_model": "plumb_bob",
-    "camera_matrix": {"rows": 3, "cols": 3, "data": K.ravel().tolist()},
-}
-
-
 FIVE = list(BROWN[:5])
-FLAT = {"fx": 300, "fy": 310, "cx": 160, "cy": 120} | dict(
-    zip(["k1", "k2", "p1", "p2", "k3"], FIVE, strict=True)
-)
+M = K.tolist()
+NINE = K.ravel().tolist()
+LENS = "".join(f"k{n}: {k}\n" for n, k in ((1, -0.1), (2, 0.02), (3, 0.01)))
+LENS += "p1: 0.001\np2: -0.002\n"
+FLAT = "fx: 300.0\nfy: 310.0\ncx: 160.0\ncy: 120.0\n" + LENS
 SIZE = {"width": 320, "height": 240}
+WIDE = "width: 320\nheight: 240\n"
 FORMS = {
-    "ROS": ROS | {"distortion_coefficients": {"rows": 1, "cols": 5, "data": FIVE}},
-    "ROS, echoed": f"height: 240\nwidth: 320\nD: {FIVE}\nK: {K.ravel().tolist()}\n---\n",
-    "legacy": {
-        "Camera_Matrix": K.tolist(),
-        "kc": FIVE,
-        "image_Width": 320,
-        "image_Height": 240,
-    },
-    "camel": {
-        "cameraMatrix": K.tolist(),
-        "distortionParameters": [FIVE],
-        "imageSize": [320, 240],
-    },
-    "snake": {
-        "mtx": K.tolist(),
-        "distortion_params": [FIVE],
-        "input_image_size": [320, 240],
-    },
-    "RealSense": {"ppx": 160, "ppy": 120, "fx": 300, "fy": 310, "coeffs": FIVE, **SIZE},
-    "flat": FLAT | SIZE,
-    "own": {"intrinsics": FLAT | SIZE},
-    "left": {"left": {"K": K.tolist(), "D": FIVE}, "T": [1, 2, 3], **SIZE},
-    "nerfstudio": {
-        "camera_model": "OPENCV",
-        "fl_x": 300,
-        "fl_y": 310,
-        "w": 320,
-        "h": 240,
-    }
-    | FLAT
-    | {"cx": 160.5, "cy": 120.5, "frames": [{"transform_matrix": np.eye(4).tolist()}]},
-    "ORB-SLAM2": "".join(
-        f"Camera.{name}: {float(value)}\n" for name, value in FLAT.items()
-    )
-    + "Camera.width: 320\nCamera.height: 240\nLEFT.P: !!opencv-matrix\n   data:[1., 0.]\n",
+    "ROS": f"""image_width: 320
+image_height: 240
+camera_name: narrow
+distortion_model: plumb_bob
+camera_matrix: {{rows: 3, cols: 3, data: {NINE}}}
+distortion_coefficients: {{rows: 1, cols: 5, data: {FIVE}}}
+""",
+    "ROS, echoed": f"height: 240\nwidth: 320\nD: {FIVE}\nK: {NINE}\n---\n",
+    "legacy": f"Camera_Matrix: {M}\nkc: {FIVE}\nimage_Width: 320\nimage_Height: 240\n",
+    "camel": f"cameraMatrix: {M}\ndistortionParameters: [{FIVE}]\nimageSize: [320, 240]\n",
+    "snake": f"mtx: {M}\ndistortion_params: [{FIVE}]\ninput_image_size: [320, 240]\n",
+    "RealSense": f'{{"ppx": 160, "ppy": 120, "fx": 300, "fy": 310, "coeffs": {FIVE}, '
+    '"width": 320, "height": 240}',
+    "flat": FLAT + WIDE,
+    "own": re.sub("(?m)^", "  ", f"\n{FLAT}{WIDE}").replace("  ", "intrinsics:", 1),
+    "left": f'{{"left": {{"K": {M}, "D": {FIVE}}}, "T": [1, 2, 3], '
+    '"width": 320, "height": 240}',
+    "nerfstudio": "camera_model: OPENCV\nfl_x: 300\nfl_y: 310\nw: 320\nh: 240\ncx: 160.5\n"
+    f"cy: 120.5\n{LENS}frames: [{{transform_matrix: {np.eye(4).tolist()}}}]\n",
+    "ORB-SLAM2": re.sub(r"(?m)^(?=\w)", "Camera.", FLAT + WIDE)
+    + "LEFT.P: !!opencv-matrix\n   data:[1., 0.]\n",
     "ORB-SLAM3": 'Camera.type: "PinHole"\nCamera.width: 320\nCamera.height: 240\n'
-    + "".join(f"Camera1.{name}: {float(value)}\n" for name, value in FLAT.items()),
-    "legacy encoding": 'time: "f\xe9v."\nimage_size: [320, 240]\n'
-    f"K: {K.ravel().tolist()}\nD: {FIVE}\n",
+    + re.sub(r"(?m)^(?=\w)", "Camera1.", FLAT),
+    "legacy encoding": f'time: "f\xe9v."\nimage_size: [320, 240]\nK: {M}\nD: {FIVE}\n',
 }
 
 
 @pytest.mark.parametrize("form", FORMS)
 def test_whatever_the_names_are_the_camera_is_one(tmp_path, form):
-    text = FORMS[form] if isinstance(FORMS[form], str) else json.dumps(FORMS[form])
     path = tmp_path / "mine"
-    path.write_text(text, encoding="latin-1")
+    path.write_text(FORMS[form], encoding="latin-1")
     assert read_camera(path) == el.BrownConrady(320, 240, 300, 310, 160, 120, FIVE)
 
 
