@@ -294,11 +294,20 @@ def fit(
         residual = model.linearise(common, own)[0]
     else:
         status = Status.STALLED
+    certain = _covariances(model, used, sigma, common, own)
+    return Fit(common, own, residual, used, sigma, *certain, status)
+
+
+def _covariances(
+    model: Model, used: BoolArray, sigma: float, common: FloatArray, own: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Of the common unknowns, (p, p), and each group's own, of measurements whose deviation is `sigma`."""
     arrow = _equations(model, used, sigma, 1e9, common, own)[1]
     of_free, of_own = arrow.covariance()
+    free = model.sd > 0
     covariance = np.zeros((len(free), len(free)))
     covariance[np.ix_(free, free)] = of_free
-    return Fit(common, own, residual, used, sigma, covariance, of_own, status)
+    return covariance, of_own
 
 
 # Frames held out ------------------------------------------------------------------------
@@ -308,13 +317,13 @@ def hold_out(
     """Fit all but a part of the frames, and predict that part but for its own unknowns; each part in turn.
 
     `frame`, (n,), is the number of each measurement's, from 0. What is wrong with a frame is wrong with many
-    of its measurements: the covariance C of the fit is too small. By the jackknife over g parts, without
-    which the p numbers that are told are off by Δ, it is
+    of its measurements: they count for less than the fit has it. Its σ² is q times as large, by the jackknife
+    over g parts, without which the unknowns that are told are off by Δ, C being their covariance:
 
-        q = (g - 1) median(Δᵀ C⁻¹ Δ) / (p - 2/3)
+        q = (g - 1) median(Δᵀ C⁻¹ Δ) / median of χ² of Σ (1 - C_ii / sd_i²) degrees of freedom
 
-    times as large: the median of χ² of p degrees of freedom is p - 2/3. Returns the fit with such
-    covariances, and of each frame the mean square of the residuals predicted, each at most
+    What is known beforehand is as sure as it was. Returns the fit with the covariances of that σ, and of each
+    frame the mean square of the residuals predicted, each at most
     (`OUTLIER` `sigma`)², as where nothing can be predicted; nan where none can be used.
     """
     parts = min(constants.PARTS, frame.max() + 1)
@@ -340,12 +349,11 @@ def hold_out(
         good = others.usable(common, predicted.own)
         squares[held] = np.where(good, np.sum(predicted.residual**2, axis=1), np.nan)
     if lengths:
-        q = (parts - 1) * np.median(lengths) / (len(told) - 2 / 3)
-        fitted = replace(
-            fitted,
-            covariance=q * fitted.covariance,
-            own_covariance=q * fitted.own_covariance,
-        )
+        freedom = np.sum(1 - variance[told] / model.sd[told] ** 2)
+        q = (parts - 1) * np.median(lengths) / scipy.special.chdtri(freedom, 0.5)
+        wider = fitted.sigma * np.sqrt(q)
+        common, own = _covariances(model, fitted.used, wider, fitted.common, fitted.own)
+        fitted = replace(fitted, covariance=common, own_covariance=own)
     squares = np.minimum(squares, (constants.OUTLIER * sigma) ** 2)
     known = np.isfinite(squares)
     with nan_if_undefined():
