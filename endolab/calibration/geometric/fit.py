@@ -23,17 +23,19 @@ from endolab.calibration.geometric.projection import (
     camera_of,
     camera_vector,
 )
-from endolab.calibration.geometric.reprojection import Reprojection, View, disagree
+from endolab.calibration.geometric.reprojection import (
+    Reprojection,
+    View,
+    check_agreement,
+)
 from endolab.calibration.least_squares import fit, hold_out, is_better
+from endolab.calibration.refusals import Refusal
 from endolab.calibration.targets import Target
 from endolab.model.cameras import KannalaBrandt
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import unknown_name
 from endolab.numerics.iteration import Status
 
-VIEWS_NEEDED = (
-    f"a calibration needs {constants.LEAST_VIEWS} views from different directions at least"
-)
 LENSES = ("auto", "fisheye", "brown")
 
 
@@ -196,8 +198,7 @@ def _start(views: Sequence[View], target: Target, width: int, height: int) -> Ka
         if miss < best:
             best = miss
             start = camera
-    if np.isinf(best):
-        raise ValueError(f"most views are of no use: {_reasons(dropped)}")
+    Refusal.USELESS_VIEWS.if_(np.isinf(best), why=_reasons(dropped))
     return start
 
 
@@ -221,8 +222,10 @@ def _calibrate(
         cuts = np.cumsum([len(view.ids) for view in views])[:-1]
         inliers = np.split(fitted.used, cuts)
         for view, used in zip(views, inliers, strict=True):
-            if why := disagree(used):
-                dropped[_label(view, target)] = why
+            try:
+                check_agreement(used)
+            except ValueError as why:
+                dropped[_label(view, target)] = str(why)
         good = [_label(view, target) not in dropped for view in views]
         views = list(compress(views, good))
         poses = [Pose.of(vector) for vector in fitted.own[good]]
@@ -273,9 +276,8 @@ def _reasons(dropped: dict[str, str]) -> str:
 def _refuse_few(
     count: int, dropped: dict[str, str], least: int = constants.LEAST_VIEWS
 ) -> None:
-    if count < least:
-        why = f" ({_reasons(dropped)})" if dropped else ""
-        raise ValueError(f"{VIEWS_NEEDED}, got {count}{why}")
+    why = f" ({_reasons(dropped)})" if dropped else ""
+    Refusal.FEW_VIEWS.if_(count < least, count=count, why=why)
 
 
 def _refuse_untold(result: GeometricFit) -> None:
@@ -288,18 +290,12 @@ def _refuse_untold(result: GeometricFit) -> None:
         place = np.append(pose.rotation * far / np.sqrt(2), pose.translation)
         if all(np.linalg.norm(place - other) > 0.02 * far for other in places):
             places.append(place)
-    if len(places) < constants.LEAST_VIEWS:
-        hardly = f"the sheet hardly moves in the {len(result.poses)} views"
-        raise ValueError(f"{VIEWS_NEEDED}, got {len(places)}: {hardly}")
-    tilt = max(pose.tilt for pose in result.poses)
-    fact = f"the sheet's largest tilt is {np.degrees(tilt):.1f}°"
-    if tilt < np.radians(5):
-        square = "views square to the axis cannot tell the focal length from the distance"
-        raise ValueError(f"{square}: {fact}; tilt the sheet by 20° or more in some views")
+    still = len(places) < constants.LEAST_VIEWS
+    Refusal.STILL.if_(still, count=len(places), views=len(result.poses))
+    tilt = np.degrees(max(pose.tilt for pose in result.poses))
+    Refusal.SQUARE.if_(tilt < 5, tilt=tilt)
+    facts = {"tilt": tilt, "seen": np.degrees(result.max_angle_seen)}
     for name in CAMERA_NAMES[:4]:
         error = result.standard_errors[name]
-        if not error < 0.05 * result.camera.fx:
-            lie = f"points lie up to {np.degrees(result.max_angle_seen):.0f}° off the axis"
-            why = f"its standard error is {error:.0f} px; {fact}, and {lie}"
-            ways = "add tilted views that fill the picture"
-            raise ValueError(f"the views do not tell {name}: {why}; {ways}")
+        is_sure = error < 0.05 * result.camera.fx
+        Refusal.UNSURE_CAMERA.if_(not is_sure, name=name, error=error, **facts)

@@ -36,9 +36,9 @@ from endolab.calibration.photometric.identifiability import (
 )
 from endolab.calibration.photometric.lamps import Lamps, choose_lamps
 from endolab.calibration.photometric.model import GREY_LEVELS, LightModel, hats, place_nodes
-from endolab.calibration.photometric.refusals import Doubt, Refusal
 from endolab.calibration.photometric.result import PhotometricFit
 from endolab.calibration.photometric.samples import Samples
+from endolab.calibration.refusals import Doubt, Refusal
 from endolab.model.brdf import BRDF, Lambertian, TabulatedBRDF
 from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import BoolArray, FloatArray

@@ -6,8 +6,8 @@ import numpy as np
 
 from endolab.calibration import constants
 from endolab.calibration.photometric.model import GREY_LEVELS
-from endolab.calibration.photometric.refusals import Doubt
 from endolab.calibration.photometric.samples import Samples
+from endolab.calibration.refusals import Doubt
 from endolab.model.brdf import TabulatedBRDF
 from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray, nan_if_undefined

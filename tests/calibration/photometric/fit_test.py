@@ -12,8 +12,8 @@ from endolab.calibration.photometric.model import (
     LightModel,
     place_nodes,
 )
-from endolab.calibration.photometric.refusals import Doubt, NotIdentifiableError
 from endolab.calibration.photometric.samples import Samples
+from endolab.calibration.refusals import Doubt, NotIdentifiableError
 from endolab.calibration.simulation.video import PAPER_SHEET
 from tests.tools.shooting import TRUTH, video
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from endolab.calibration.photometric.fit import calibrate_light
-from endolab.calibration.photometric.refusals import Doubt, NotIdentifiableError
+from endolab.calibration.refusals import Doubt, NotIdentifiableError
 from tests.tools import shooting
 from tests.tools.shooting import TRUTH
 
