@@ -58,8 +58,6 @@ FINEST = 0.03
 LEAST_VIEWS = 3  # from different directions
 # rad off the axis: a lens that was seen farther out is a fisheye, and to there it is imitated to begin.
 WIDEST_BROWN = 1.2
-# A Brown-Conrady lens is not tried if it is farther off from a fisheye, in root mean square errors of that.
-FARTHEST_BROWN = 3.0
 
 # Frames (`session`)
 # Frames that the geometry should have; with fewer, more than one in `every` go into it.

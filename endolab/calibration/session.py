@@ -93,15 +93,6 @@ def silent(stage: str, done: int, total: int) -> None:
     """Say nothing of the progress."""
 
 
-def channel_of(image: FloatArray, channel: str) -> FloatArray:
-    """Return one channel, or the grey value, of a picture (H, W) or (H, W, 3) as (H, W)."""
-    if image.ndim == 2:
-        return image
-    if channel == "grey":
-        return image @ GREY_WEIGHTS
-    return image[..., CHANNELS.index(channel)]
-
-
 def detect_all(
     frames: Named,
     target: Target,
@@ -326,10 +317,11 @@ def calibrate(
     check_size("a frame", size, camera, "camera")
     poses, errors, dropped = locate(kept, target, camera, progress)
     dropped |= dict.fromkeys(leave_out, LEFT_OUT)
+    weights = GREY_WEIGHTS if channel == "grey" else np.equal(CHANNELS, channel)
     parts: list[Samples] = []
     for name, image in frames:
         if not isinstance(image, ValueError) and name in poses:
-            grey = channel_of(image, channel)
+            grey = image if image.ndim == 2 else image @ weights
             frame = list(poses).index(name)
             parts.append(sample_sheet(grey, target, poses[name], camera, frame=frame))
             progress("sampling", len(parts), len(poses))

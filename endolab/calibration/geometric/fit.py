@@ -28,7 +28,7 @@ from endolab.calibration.geometric.reprojection import (
     View,
     check_agreement,
 )
-from endolab.calibration.least_squares import fit, hold_out, is_better
+from endolab.calibration.least_squares import fit, hold_out, is_better, jackknife
 from endolab.calibration.refusals import Refusal
 from endolab.calibration.targets import Target
 from endolab.model.cameras import KannalaBrandt
@@ -114,7 +114,7 @@ def calibrate_camera(
         Of the pictures, px.
     lens : {"fisheye", "brown", "auto"}
         `KannalaBrandt`, `BrownConrady`, or what predicts views that were held out
-        best; a fisheye where they go beyond 69° off the axis, or the other is far from what it sees.
+        best; a fisheye where they go beyond 69° off the axis.
     start : KannalaBrandt or BrownConrady, optional
         A camera near the truth, whose kind is fitted whatever the `lens`. Then one view is enough, and
         what it cannot tell shows in the
@@ -138,14 +138,10 @@ def calibrate_camera(
     _refuse_few(len(views), {})
     fisheye, squares = _calibrate(views, target, _start(views, target, width, height))
     _refuse_untold(fisheye)
-    begin, off = _begin_brown(fisheye)
-    is_near = (
-        fisheye.max_angle_seen < constants.WIDEST_BROWN
-        and off < constants.FARTHEST_BROWN * fisheye.rmse
-    )
-    if lens == "fisheye" or (lens == "auto" and not is_near):
+    is_wide = fisheye.max_angle_seen > constants.WIDEST_BROWN
+    if lens == "fisheye" or (lens == "auto" and is_wide):
         return fisheye
-    brown, of_brown = _calibrate(views, target, begin, fisheye.sigma)
+    brown, of_brown = _calibrate(views, target, _begin_brown(fisheye), fisheye.sigma)
     _refuse_untold(brown)
     if lens == "brown":
         return brown
@@ -231,7 +227,8 @@ def _calibrate(
         poses = [Pose.of(vector) for vector in fitted.own[good]]
     frames = list(dict.fromkeys(view.name for view in views))
     frame = np.array([frames.index(view.name) for view in views])[model.group]
-    fitted, squares = hold_out(model, fitted, frame, sigma or fitted.sigma)
+    squares = hold_out(model, fitted, frame, sigma or fitted.sigma)
+    fitted = jackknife(model, fitted, frame, model.sd)
     name = "fisheye" if isinstance(camera, KannalaBrandt) else "brown"
     found = GeometricFit(
         camera=camera,
@@ -250,11 +247,8 @@ def _calibrate(
     return found, dict(zip(frames, squares.tolist(), strict=True))
 
 
-def _begin_brown(fitted: GeometricFit) -> tuple[Lens, float]:
-    """Return the Brown-Conrady camera that is likest to a fisheye, as far as it was seen.
-
-    And how far off it is along a row, rms, px.
-    """
+def _begin_brown(fitted: GeometricFit) -> Lens:
+    """Return the Brown-Conrady camera that is likest to a fisheye, as far as it was seen."""
     camera = fitted.camera
     vector = camera_vector(camera)
     theta = np.linspace(0.02, min(fitted.max_angle_seen, constants.WIDEST_BROWN), 100)
@@ -262,10 +256,8 @@ def _begin_brown(fitted: GeometricFit) -> tuple[Lens, float]:
     r = np.tan(theta)
     odd = r[:, None] ** [3, 5, 7]
     k1, k2, k3 = np.linalg.lstsq(odd, h - r)[0]
-    off = vector[0] * (r + odd @ [k1, k2, k3] - h)
     likest = np.concatenate([vector[:4], [k1, k2, 0, 0, k3, 0, 0, 0]])
-    rms = float(np.sqrt(np.mean(off**2)))
-    return camera_of(likest, camera.width, camera.height), rms
+    return camera_of(likest, camera.width, camera.height)
 
 
 def _reasons(dropped: dict[str, str]) -> str:

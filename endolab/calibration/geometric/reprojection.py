@@ -82,7 +82,6 @@ class Reprojection(Model):
             group=np.repeat(np.arange(len(views)), [len(view.ids) for view in views]),
             mean=camera_vector(usual),
             sd=sd,
-            own_sd=np.full(6, np.inf),
             points=target.points[ids],
             radii=target.radii[ids],
             pixels=np.concatenate([view.pixels for view in views]),

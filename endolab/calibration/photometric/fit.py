@@ -28,7 +28,7 @@ import numpy as np
 from pydantic import Field
 
 from endolab.calibration import constants
-from endolab.calibration.least_squares import Fit, fit
+from endolab.calibration.least_squares import Fit, fit, jackknife
 from endolab.calibration.photometric.identifiability import (
     one_sided,
     power_of_lamp,
@@ -179,7 +179,7 @@ def _model(samples: Samples, good: BoolArray, how: LightOptions) -> LightModel:
         value, sd = _belief(one, 1.0)
         known[f"reflectance {material}"] = float(np.log(value)), sd / value
     mean, sds = np.array(list(known.values())).T
-    return LightModel(group, mean, sds, np.array([np.inf]), samples, nodes, list(known))
+    return LightModel(group, mean, sds, samples, nodes, list(known))
 
 
 def _start(model: LightModel, good: BoolArray) -> FloatArray:
@@ -245,13 +245,9 @@ def _result(
     determined: bool,
 ) -> PhotometricFit:
     """Check a fit of the model with some unknowns held, and name what it found."""
-    covariance = fitted.covariance
-    # Their uncertainty is given back, and with it that of what hangs on them.
-    for i in np.flatnonzero(model.sd != stiff.sd):
-        along = covariance[i] / covariance[i, i]  # d(all)/d(held)
-        wider = model.sd[i] ** 2 - covariance[i, i]
-        covariance = covariance + wider * np.outer(along, along)
-    fitted = replace(fitted, covariance=covariance)
+    frames, frame = np.unique(model.samples.frame, return_inverse=True)
+    # Those that were held get their uncertainty back, and with it what hangs on them.
+    fitted = jackknife(stiff, fitted, frame, model.sd)
     vector = fitted.common
     places = vector[model.of_lamps].reshape(-1, 2)
     own = fitted.own
@@ -271,7 +267,6 @@ def _result(
     if len(f) > 1:
         surface = TabulatedBRDF(tuple(model.nodes), f)
     # One gain for each frame, though it may be the same for all.
-    frames = np.unique(model.samples.frame)
     alike = len(frames) // len(own)
     gains = np.repeat(np.exp(own[:, 0]), alike)
     locked = float(gains[0]) if alike > 1 else None

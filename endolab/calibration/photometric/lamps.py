@@ -43,16 +43,16 @@ def choose_lamps(
         ):
             fits.append(fit(models[2], _pair(fits[1].common, apart), fits[1].own))
     _, frame = np.unique(model.samples.frame, return_inverse=True)
-    tried = range(0 if wanted == "auto" else len(fits) - 1, len(fits))
+    tried = range(len(fits) if wanted == "auto" else 0)
     held = {
         lamps: hold_out(models[lamps], fits[lamps], frame, centred.sigma) for lamps in tried
     }
-    best = tried[0]
+    best = 0 if tried else len(fits) - 1
     for lamps in tried:
-        if is_better(held[lamps][1], than=held[best][1]):
+        if is_better(held[lamps], than=held[best]):
             best = lamps
-    rms = {LAMPS[lamps]: float(np.sqrt(np.nanmean(held[lamps][1]))) for lamps in tried}
-    return models[best], held[best][0], rms
+    rms = {LAMPS[lamps]: float(np.sqrt(np.nanmean(held[lamps]))) for lamps in tried}
+    return models[best], fits[best], rms
 
 
 def _pair(common: FloatArray, apart: FloatArray) -> FloatArray:

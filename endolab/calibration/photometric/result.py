@@ -38,8 +38,7 @@ class PhotometricFit:
 
     `covariance`, (p, p), is of the unknowns that all frames share, `names`: "k", "gamma", "lamp l x" and
     "lamp l y", mm, "brdf j", "reflectance m"; of the logarithms of BRDF and reflectances. `standard_errors`
-    are of the values themselves, "k/gamma" included; 0 for what was given. Where γ or a reflectance is only
-    known beforehand, `gain_errors` are those at its given value.
+    are of the values themselves, "k/gamma" included; 0 for what was given.
     """
 
     photometry: Photometry  # its gain is None, or the one that all frames share
