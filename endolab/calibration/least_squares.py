@@ -339,12 +339,14 @@ def jackknife(model: Model, fitted: Fit, frame: IntArray, known: FloatArray) -> 
     return replace(fitted, covariance=after, own_covariance=own)
 
 
-def hold_out(model: Model, fitted: Fit, frame: IntArray, sigma: float) -> FloatArray:
+def hold_out(
+    model: Model, fitted: Fit, frame: IntArray, sigma: float
+) -> tuple[FloatArray, float]:
     """Fit all but a part of the frames, and predict that part but for its own unknowns; each part in turn.
 
     `frame`, (n,), is the number of each measurement's, from 0. Returns of each frame the mean square of the
-    residuals predicted, each at most (`OUTLIER` `sigma`)², as where nothing can be predicted; nan where none
-    can be used.
+    residuals predicted, each at most (`OUTLIER` `sigma`)², as where nothing can be predicted, nan where none
+    can be used; and the root of the mean over measurements that the fit of all counts.
     """
     squares = np.full(len(frame), np.inf)
     for part in range(constants.PARTS):
@@ -364,7 +366,9 @@ def hold_out(model: Model, fitted: Fit, frame: IntArray, sigma: float) -> FloatA
     squares = np.minimum(squares, (constants.OUTLIER * sigma) ** 2)
     known = np.isfinite(squares)
     with nan_if_undefined():
-        return np.bincount(frame, np.where(known, squares, 0)) / np.bincount(frame, known)
+        rms = float(np.sqrt(np.mean(squares[known & fitted.used])))
+        means = np.bincount(frame, np.where(known, squares, 0)) / np.bincount(frame, known)
+    return means, rms
 
 
 def is_better(squares: FloatArray, than: FloatArray) -> bool:

@@ -227,7 +227,7 @@ def _calibrate(
         poses = [Pose.of(vector) for vector in fitted.own[good]]
     frames = list(dict.fromkeys(view.name for view in views))
     frame = np.array([frames.index(view.name) for view in views])[model.group]
-    squares = hold_out(model, fitted, frame, sigma or fitted.sigma)
+    squares, off = hold_out(model, fitted, frame, sigma or fitted.sigma)
     fitted = jackknife(model, fitted, frame, model.sd)
     name = "fisheye" if isinstance(camera, KannalaBrandt) else "brown"
     found = GeometricFit(
@@ -242,7 +242,7 @@ def _calibrate(
         covariance=fitted.covariance,
         max_angle_seen=float(model.angles(fitted.own)[fitted.used].max()),
         status=fitted.status,
-        held_out={name: float(np.sqrt(np.nanmean(squares)))},
+        held_out={name: off},
     )
     return found, dict(zip(frames, squares.tolist(), strict=True))
 

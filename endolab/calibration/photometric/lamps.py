@@ -49,9 +49,9 @@ def choose_lamps(
     }
     best = 0 if tried else len(fits) - 1
     for lamps in tried:
-        if is_better(held[lamps], than=held[best]):
+        if is_better(held[lamps][0], than=held[best][0]):
             best = lamps
-    rms = {LAMPS[lamps]: float(np.sqrt(np.nanmean(held[lamps]))) for lamps in tried}
+    rms = {LAMPS[lamps]: off for lamps, (_, off) in held.items()}
     return models[best], fits[best], rms
 
 
