@@ -72,7 +72,7 @@ HUBER = 1.5  # standard deviations where the parabola becomes a line
 OUTLIER = 3.5  # standard deviations beyond which a residual is an outlier
 FINEST_STEP = 1e-4  # of a standard error
 COARSE_STEP = 0.03  # likewise, where the cost has kinks that a finer step need never pass
-PARTS = 6  # of the frames, of which each is held out once
+PARTS = 3  # of the frames, of which each is held out once
 LEAST_FALL = 2.0  # of its own ±, by which frames held out must be predicted better
 
 # Samples (`photometric/samples`)

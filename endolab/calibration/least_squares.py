@@ -264,7 +264,7 @@ def fit(
     measurement is usable, or too few are left.
     """
     free = model.sd > 0
-    count = np.sum(free) + own.size
+    count = int(np.sum(free)) + own.size
     residual = model.linearise(common, own)[0]
     used = np.zeros(len(model.group), bool)
     sigma = np.inf
