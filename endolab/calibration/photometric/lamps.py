@@ -30,7 +30,7 @@ def choose_lamps(
     """Fit as many lamps as are wanted, from the fit of one at the lens.
 
     Returns their model and fit, and the root mean square residual, grey levels, of frames held out by each
-    number that was tried.
+    number that auto tried.
     """
     models = [model.with_lamps(lamps) for lamps in range(len(LAMPS))]
     fits = [centred]
@@ -43,15 +43,17 @@ def choose_lamps(
         ):
             fits.append(fit(models[2], _pair(fits[1].common, apart), fits[1].own))
     _, frame = np.unique(model.samples.frame, return_inverse=True)
-    tried = range(len(fits) if wanted == "auto" else 0)
-    held = {
-        lamps: hold_out(models[lamps], fits[lamps], frame, centred.sigma) for lamps in tried
-    }
-    best = 0 if tried else len(fits) - 1
-    for lamps in tried:
-        if is_better(held[lamps][0], than=held[best][0]):
-            best = lamps
-    rms = {LAMPS[lamps]: off for lamps, (_, off) in held.items()}
+    best = len(fits) - 1
+    rms = {}
+    if wanted == "auto":
+        best = 0
+        held = []
+        for lamps, fitted in enumerate(fits):
+            squares, off = hold_out(models[lamps], fitted, frame, centred.sigma)
+            held.append(squares)
+            rms[LAMPS[lamps]] = off
+            if is_better(squares, than=held[best]):
+                best = lamps
     return models[best], fits[best], rms
 
 
