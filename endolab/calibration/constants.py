@@ -87,8 +87,6 @@ MOST_OF_A_FRAME = 200
 # The light's model (`photometric/model`)
 # Stored values that the model may predict for a sample to count: noise of 3 grey levels cannot clip them.
 LEVELS = (12 / 255, 240 / 255)
-# Exponent that brings the BRDF's nodes closer together near θ = 0.
-NODE_EXPONENT = 1.15
 STEP = 1e-3  # mm, by which a lamp is moved for the derivatives by its place
 PLACE_SD = 10.0  # mm; what is believed of a lamp's place beforehand
 LEAST_SUPPORT = 40  # samples between two nodes, or one of them is left out
