@@ -307,7 +307,7 @@ def jackknife(model: Model, fitted: Fit, frame: IntArray, known: FloatArray) -> 
 
         Δ_f = (1 - C Σ aᵀ a)⁻¹ C Σ aᵀ r        over the measurements of f
 
-    Then their covariance is (F-1)/F Σ Δ_f Δ_fᵀ, of a single frame C less what is owed to what was known; and
+    Then their covariance is (F-1)/F Σ Δ_f Δ_fᵀ, and C more if F - 1 is no more than the unknowns; and
     what was known beforehand, of the standard deviations `known`, (p,), moves them by C/sd² of its own error.
     `frame`, (n,), is the number of each measurement's, from 0. What is not told stays so.
     """
@@ -331,7 +331,9 @@ def jackknife(model: Model, fitted: Fit, frame: IntArray, known: FloatArray) -> 
                 np.eye(len(before)) - part @ a, part @ residual[frame == one].ravel()
             )
             moves.append(move)
-        after = np.cov(np.transpose(moves), bias=True) * (frames - 1)
+        # F frames move F - 1 unknowns at most, and few of them may do so too little by chance.
+        after *= frames - 1 <= np.sum(np.diag(before) > 0)
+        after += np.cov(np.transpose(moves), bias=True) * (frames - 1)
     pull *= known[believed] / model.sd[believed]
     after += pull @ pull.T
     own = fitted.own_covariance + gain @ (after - before) @ np.swapaxes(gain, 1, 2)
