@@ -58,8 +58,6 @@ FINEST = 0.03
 LEAST_VIEWS = 3  # from different directions
 # rad off the axis: a lens that was seen farther out is a fisheye, and to there it is imitated to begin.
 WIDEST_BROWN = 1.2
-# A Brown-Conrady lens is not tried if it is farther off from a fisheye, in root mean square errors of that.
-FARTHEST_BROWN = 3.0
 
 # Frames (`session`)
 # Frames that the geometry should have; with fewer, more than one in `every` go into it.
@@ -74,7 +72,7 @@ HUBER = 1.5  # standard deviations where the parabola becomes a line
 OUTLIER = 3.5  # standard deviations beyond which a residual is an outlier
 FINEST_STEP = 1e-4  # of a standard error
 COARSE_STEP = 0.03  # likewise, where the cost has kinks that a finer step need never pass
-PARTS = 6  # of the frames, of which each is held out once
+PARTS = 3  # of the frames, of which each is held out once
 LEAST_FALL = 2.0  # of its own ±, by which frames held out must be predicted better
 
 # Samples (`photometric/samples`)
@@ -89,8 +87,6 @@ MOST_OF_A_FRAME = 200
 # The light's model (`photometric/model`)
 # Stored values that the model may predict for a sample to count: noise of 3 grey levels cannot clip them.
 LEVELS = (12 / 255, 240 / 255)
-# Exponent that brings the BRDF's nodes closer together near θ = 0.
-NODE_EXPONENT = 1.15
 STEP = 1e-3  # mm, by which a lamp is moved for the derivatives by its place
 PLACE_SD = 10.0  # mm; what is believed of a lamp's place beforehand
 LEAST_SUPPORT = 40  # samples between two nodes, or one of them is left out

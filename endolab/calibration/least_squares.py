@@ -3,9 +3,9 @@
 The unknowns are a few *common* ones c (the camera, or k, γ and the BRDF) and, for each group g of
 residuals (a view, or a frame), a few of its *own* o_g (its pose, or its gain). What is minimised is
 
-    Σ ρ(|r| / σ) + ½ Σ P (c - c₀)² + ½ Σ S o_g²        over all measurements
+    Σ ρ(|r| / σ) + ½ Σ P (c - c₀)²        over all measurements
 
-with P and S the inverse variances of what is known beforehand, 1/`sd`² and 1/`own_sd`². No two groups' own
+with P the inverse variances of what is known beforehand, 1/`sd`². No two groups' own
 unknowns meet, so that the normal equations have the shape of an arrow:
 
     | A    C₁ᵀ  C₂ᵀ  … |   | δc  |       | a  |        A    `common`
@@ -43,7 +43,6 @@ class Model:
     group: IntArray  # (n,), of each measurement, in ascending order, without gaps from 0
     mean: FloatArray  # (p,), of each common unknown before the fit
     sd: FloatArray  # (p,), its standard deviation: 0 if it is given, inf if nothing is known
-    own_sd: FloatArray  # (b,), of a group's own unknowns, likewise; their mean is 0
 
     of_each: ClassVar[tuple[str, ...]] = ()  # fields that have a row for each measurement
     # Of one number of a measurement, the least standard deviation; by default, rounding.
@@ -209,13 +208,10 @@ def _equations(
     free = model.sd > 0
     off = (common - model.mean)[free]
     certainty = model.sd[free] ** -2
-    own_certainty = model.own_sd**-2
-    known = np.sum(certainty * off**2) + np.sum(own_certainty * own**2)
+    known = np.sum(certainty * off**2)
     arrow = Arrow(residual, by_common[..., free], by_own, weight, model.group)
     arrow.common += np.diag(certainty)
     arrow.gradient += certainty * off
-    arrow.own += np.diag(own_certainty)
-    arrow.own_gradient += own_certainty * own
     return float(np.sum(scipy.special.huber(limit, size[used])) + 0.5 * known), arrow
 
 
@@ -268,7 +264,7 @@ def fit(
     measurement is usable, or too few are left.
     """
     free = model.sd > 0
-    count = np.sum(free) + len(own) * np.sum(np.isinf(model.own_sd))
+    count = int(np.sum(free)) + own.size
     residual = model.linearise(common, own)[0]
     used = np.zeros(len(model.group), bool)
     sigma = np.inf
@@ -301,30 +297,62 @@ def fit(
     return Fit(common, own, residual, used, sigma, covariance, of_own, status)
 
 
-# Frames held out ------------------------------------------------------------------------
+# Frames left out ------------------------------------------------------------------------
+def jackknife(model: Model, fitted: Fit, frame: IntArray, known: FloatArray) -> Fit:
+    """Return a fit with the covariances that follow from how far it moves without each frame in turn.
+
+    What is wrong with a frame is wrong with many of its measurements, so that C, the covariance of the fit,
+    is too small. With r the residuals, a their derivatives by the common unknowns when the own ones give way,
+    all over σ, the common unknowns move without frame f of F, to first order, by
+
+        Δ_f = (1 - C Σ aᵀ a)⁻¹ C Σ aᵀ r        over the measurements of f
+
+    Then their covariance is (F-1)/F Σ Δ_f Δ_fᵀ, and C more if F - 1 is no more than the unknowns; and
+    what was known beforehand, of the standard deviations `known`, (p,), moves them by C/sd² of its own error.
+    `frame`, (n,), is the number of each measurement's, from 0. What is not told stays so.
+    """
+    frames = frame.max() + 1
+    lost = np.isinf(np.diag(fitted.covariance))
+    before = np.where(lost | lost[:, None], 0.0, fitted.covariance)
+    residual, by_common, by_own = model.linearise(fitted.common, fitted.own)
+    weight = fitted.used / fitted.sigma**2
+    arrow = Arrow(residual, by_common, by_own, weight, model.group)
+    _, gain, *_ = arrow._eliminate(1e-13)
+    slopes = by_common - by_own @ gain[model.group]
+    believed = (model.sd > 0) & np.isfinite(model.sd)
+    pull = before[:, believed] / model.sd[believed]
+    after = before - pull @ pull.T
+    if frames > 1:
+        moves = []
+        for one in range(frames):
+            a = slopes[frame == one].reshape(-1, len(before))
+            part = before @ (a.T * np.repeat(weight[frame == one], residual.shape[1]))
+            move = np.linalg.solve(
+                np.eye(len(before)) - part @ a, part @ residual[frame == one].ravel()
+            )
+            moves.append(move)
+        # F frames move F - 1 unknowns at most, and few of them may do so too little by chance.
+        after *= frames - 1 <= np.sum(np.diag(before) > 0)
+        after += np.cov(np.transpose(moves), bias=True) * (frames - 1)
+    pull *= known[believed] / model.sd[believed]
+    after += pull @ pull.T
+    own = fitted.own_covariance + gain @ (after - before) @ np.swapaxes(gain, 1, 2)
+    after[lost, lost] = np.inf
+    return replace(fitted, covariance=after, own_covariance=own)
+
+
 def hold_out(
     model: Model, fitted: Fit, frame: IntArray, sigma: float
-) -> tuple[Fit, FloatArray]:
+) -> tuple[FloatArray, float]:
     """Fit all but a part of the frames, and predict that part but for its own unknowns; each part in turn.
 
-    `frame`, (n,), is the number of each measurement's, from 0. What is wrong with a frame is wrong with many
-    of its measurements: the covariance C of the fit is too small. By the jackknife over g parts, without
-    which the p numbers that are told are off by Δ, it is
-
-        q = (g - 1) median(Δᵀ C⁻¹ Δ) / (p - 2/3)
-
-    times as large: the median of χ² of p degrees of freedom is p - 2/3. Returns the fit with such
-    covariances, and of each frame the mean square of the residuals predicted, each at most
-    (`OUTLIER` `sigma`)², as where nothing can be predicted; nan where none can be used.
+    `frame`, (n,), is the number of each measurement's, from 0. Returns of each frame the mean square of the
+    residuals predicted, each at most (`OUTLIER` `sigma`)², as where nothing can be predicted, nan where none
+    can be used; and the root of the mean over measurements that the fit of all counts.
     """
-    parts = min(constants.PARTS, frame.max() + 1)
-    variance = np.diag(fitted.covariance)
-    free = np.flatnonzero((variance > 0) & np.isfinite(variance))
-    certainty = np.linalg.inv(fitted.covariance[np.ix_(free, free)])
     squares = np.full(len(frame), np.inf)
-    lengths = []
-    for part in range(parts):
-        held = frame % parts == part
+    for part in range(constants.PARTS):
+        held = frame % constants.PARTS == part
         try:
             own = fitted.own[np.unique(model.group[~held])]
             common = fit(
@@ -335,22 +363,14 @@ def hold_out(
             predicted = fit(others, common, own)
         except (ValueError, ArithmeticError):
             continue
-        off = (common - fitted.common)[free]
-        lengths.append(off @ certainty @ off)
         good = others.usable(common, predicted.own)
         squares[held] = np.where(good, np.sum(predicted.residual**2, axis=1), np.nan)
-    if lengths:
-        q = (parts - 1) * np.median(lengths) / (len(free) - 2 / 3)
-        fitted = replace(
-            fitted,
-            covariance=q * fitted.covariance,
-            own_covariance=q * fitted.own_covariance,
-        )
     squares = np.minimum(squares, (constants.OUTLIER * sigma) ** 2)
     known = np.isfinite(squares)
     with nan_if_undefined():
+        rms = float(np.sqrt(np.mean(squares[known & fitted.used])))
         means = np.bincount(frame, np.where(known, squares, 0)) / np.bincount(frame, known)
-    return fitted, means
+    return means, rms
 
 
 def is_better(squares: FloatArray, than: FloatArray) -> bool:

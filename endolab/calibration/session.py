@@ -3,7 +3,6 @@
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from enum import Enum
 from itertools import islice
 from operator import length_hint
 from typing import Any
@@ -19,6 +18,7 @@ from endolab.calibration.geometric.reprojection import find_pose, views_of
 from endolab.calibration.photometric.fit import LightOptions, calibrate_light
 from endolab.calibration.photometric.result import PhotometricFit, Row
 from endolab.calibration.photometric.samples import Samples, sample_sheet
+from endolab.calibration.refusals import Doubt, Refusal, Verdict
 from endolab.calibration.targets import Board, Charuco, Target
 from endolab.calibration.uncertainty import ray_uncertainty, values_within
 from endolab.frames.frame import check_size
@@ -30,23 +30,7 @@ Progress = Callable[[str, int, int], None]
 # One pose a panel, None for one that was not located.
 Panels = tuple[Pose | None, ...]
 Named = Iterable[tuple[str, FloatArray | ValueError]]
-LEFT_OUT_REASON = "left out, as asked"
-
-
-LENSES_ALIKE = (
-    "Both lenses predict views that were held out alike within their noise: fisheye."
-)
-
-
-class Verdict(Enum):
-    """What can be used of a calibration."""
-
-    USE = "It can be used."
-    CAMERA_ALONE = "Use the camera alone: the light could not be told."
-    USELESS = (
-        "Do not use it: many points do not agree with the camera. The lens is of another kind, or the "
-        "sheet was not flat."
-    )
+LEFT_OUT = str(Refusal.LEFT_OUT.error())
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,9 +64,10 @@ class Session:
     @property
     def remarks(self) -> list[str]:
         """What may be wrong with it, or was left to choose, a sentence each."""
-        alike = self.geometry is not None and self.geometry.alike
-        doubts = self.light.doubts if self.light is not None else []
-        return [LENSES_ALIKE] * alike + [doubt.value for doubt in doubts]
+        doubts = [] if self.light is None else self.light.doubts
+        if self.geometry is not None and self.geometry.alike:
+            doubts = [Doubt.LENSES_ALIKE, *doubts]
+        return [doubt.value for doubt in doubts]
 
     def table(self) -> list[Row]:
         """Name, value, standard error and unit of all that was found: the camera, the light, how they fit.
@@ -108,15 +93,6 @@ def silent(stage: str, done: int, total: int) -> None:
     """Say nothing of the progress."""
 
 
-def channel_of(image: FloatArray, channel: str) -> FloatArray:
-    """Return one channel, or the grey value, of a picture (H, W) or (H, W, 3) as (H, W)."""
-    if image.ndim == 2:
-        return image
-    if channel == "grey":
-        return image @ GREY_WEIGHTS
-    return image[..., CHANNELS.index(channel)]
-
-
 def detect_all(
     frames: Named,
     target: Target,
@@ -137,7 +113,7 @@ def detect_all(
     total = length_hint(frames)
     for number, (name, image) in enumerate(frames):
         if name in leave_out:
-            detections[name] = no_features(LEFT_OUT_REASON)
+            detections[name] = no_features(LEFT_OUT)
         elif isinstance(image, ValueError):
             # Without the file's name, so that frames with one reason come together.
             detections[name] = no_features(str(image).split(": ", 1)[-1])
@@ -199,8 +175,7 @@ def locate(
     for name, off in errors.items():
         if off > constants.ALIEN * max(usual, constants.FINEST):
             del poses[name]
-            why = f"its points are {off:.3g} px off, of other frames {usual:.2g} px"
-            dropped[name] = why
+            dropped[name] = str(Refusal.ALIEN.error(off=off, usual=usual))
     return poses, {name: errors[name] for name in poses}, dropped
 
 
@@ -341,11 +316,12 @@ def calibrate(
         camera = geometry.camera
     check_size("a frame", size, camera, "camera")
     poses, errors, dropped = locate(kept, target, camera, progress)
-    dropped |= dict.fromkeys(leave_out, LEFT_OUT_REASON)
+    dropped |= dict.fromkeys(leave_out, LEFT_OUT)
+    weights = GREY_WEIGHTS if channel == "grey" else np.equal(CHANNELS, channel)
     parts: list[Samples] = []
     for name, image in frames:
         if not isinstance(image, ValueError) and name in poses:
-            grey = channel_of(image, channel)
+            grey = image if image.ndim == 2 else image @ weights
             frame = list(poses).index(name)
             parts.append(sample_sheet(grey, target, poses[name], camera, frame=frame))
             progress("sampling", len(parts), len(poses))

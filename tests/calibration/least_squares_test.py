@@ -20,7 +20,7 @@ class Decays(Model):
     def __init__(self, rng):
         unknown = np.full(2, np.inf)
         group = np.repeat(np.arange(GROUPS), EACH)
-        super().__init__(group, np.zeros(2), unknown, unknown)
+        super().__init__(group, np.zeros(2), unknown)
         self.t = rng.uniform(0, 3, len(self.group))
         own = np.column_stack([rng.uniform(1, 2, GROUPS), rng.normal(size=GROUPS)])
         self.y = np.zeros((len(self.t), 2))

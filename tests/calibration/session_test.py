@@ -8,7 +8,7 @@ import pytest
 import endolab as el
 from endolab import datasets
 from endolab.calibration.session import (
-    LEFT_OUT_REASON,
+    LEFT_OUT,
     calibrate,
     detect_all,
     locate,
@@ -62,7 +62,7 @@ def test_frames_that_are_left_out_count_for_nothing(video):
     how = {"detections": mixed, "size": SIZE}
     found = calibrate(frames, SHEET, leave_out=liars, **how)
     assert abs(found.camera.fx - CAMERA.fx) < 0.1
-    assert [found.dropped[name] for name in liars] == [LEFT_OUT_REASON] * 2
+    assert [found.dropped[name] for name in liars] == [LEFT_OUT] * 2
     assert not set(liars) & (set(found.poses) | set(found.errors))
     with pytest.raises(ValueError, match="none"):
         calibrate(frames, SHEET, leave_out=["none"], **how)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from endolab.calibration.session import Verdict
+from endolab.calibration.refusals import Verdict
 from endolab.calibration.summary import evidence, plus_minus
 from endolab.io.atomic import as_json
 from tests.tools.simulated_session import COUNT, simulated

@@ -20,8 +20,9 @@ import numpy as np
 
 from endolab.calibration import constants
 from endolab.calibration.detection.blobs import Numbers, shrink_picture, white_of
-from endolab.calibration.detection.dots import NotFoundError, detect_dots
+from endolab.calibration.detection.dots import detect_dots
 from endolab.calibration.detection.lattice import check_places, cross
+from endolab.calibration.refusals import NotIdentifiableError, Refusal
 from endolab.calibration.targets import Charuco, Chessboard, DotGrid, Target
 from endolab.numerics.arrays import FloatArray, IntArray
 from endolab.numerics.checks import excerpt
@@ -58,7 +59,7 @@ def detect(image: Numbers, target: Target) -> Detection:
     )
     try:
         ids, pixels = SEARCHES[type(target)](picture, target)
-    except (NotFoundError, cv2.error) as why:
+    except (NotIdentifiableError, cv2.error) as why:
         return no_features(" ".join(str(why).split()))
     return Detection(ids, _rescale(pixels, picture, grey))
 
@@ -159,13 +160,11 @@ def _detect_charuco(grey: FloatArray, target: Charuco) -> tuple[IntArray, FloatA
     kept, corners, read = _charuco_corners(grey, target)
     if len(kept) >= constants.LEAST_CORNERS:
         return kept, corners
-    if len(_charuco_corners(np.fliplr(grey), target)[0]) >= constants.LEAST_CORNERS:
-        raise NotFoundError("the picture is a mirror image: exchange its left and right")
+    mirrored, *_ = _charuco_corners(np.fliplr(grey), target)
+    Refusal.MIRRORED.if_(len(mirrored) >= constants.LEAST_CORNERS)
     own = np.ravel(target.board.getIds())
-    raise NotFoundError(
-        f"{read}, of the board's {own.min()} to {own.max()}; {len(kept)} corners agree, "
-        f"{constants.LEAST_CORNERS} are needed"
-    )
+    facts = {"read": read, "first": own.min(), "last": own.max(), "count": len(kept)}
+    raise Refusal.FEW_CORNERS.error(**facts)
 
 
 def _search_board(picture: Numbers, pattern: tuple[int, int]) -> tuple[Numbers, Numbers]:
@@ -182,15 +181,14 @@ def _detect_chessboard(grey: FloatArray, target: Chessboard) -> tuple[IntArray, 
     pattern = (target.columns - 1, target.rows - 1)
     # The two find about as many, but not the same; the first says no more quickly.
     corners, seen = _search_board(picture, pattern)
-    if seen.size > len(target.points):
-        rows, columns = np.add(seen.shape, 1)
-        raise NotFoundError(f"a board of {columns}×{rows} squares is seen")
+    rows, columns = np.add(seen.shape, 1)
+    is_larger = seen.size > len(target.points)
+    Refusal.OTHER_BOARD.if_(is_larger, columns=columns, rows=rows)
     if not seen.size:
         how = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_ADAPTIVE_THRESH
         small = _shrink_to(picture, constants.MOST_QUICK_PIXELS)
         is_there, corners = cv2.findChessboardCorners(small, pattern, flags=how)
-        if not is_there:
-            raise NotFoundError("no chessboard of this size, or not all of it is in view")
+        Refusal.NO_BOARD.if_(not is_there)
         corners = _rescale(corners, small, picture)
     given = corners.reshape(*pattern[::-1], 2).astype(np.float32)
     sides = (np.linalg.norm(np.diff(given, axis=axis), axis=-1) for axis in (0, 1))
@@ -202,13 +200,9 @@ def _detect_chessboard(grey: FloatArray, target: Chessboard) -> tuple[IntArray, 
     grid = _rescale(grid, picture, grey)
     turns = [grid[::i, ::j] for i in (1, -1) for j in (1, -1)]
     grid = max(turns, key=lambda turn: _looks_right(turn, grey))
-    if not _looks_right(grid, grey)[1]:
-        raise NotFoundError(
-            "its upper left square is white; exchange columns and rows if the board is turned"
-        )
+    Refusal.WHITE_FIRST.if_(not _looks_right(grid, grey)[1])
     fits, _ = check_places(grid, np.zeros(grid.shape[:2], int))
-    if fits.mean() < 0.9:
-        raise NotFoundError("the corners do not lie on a smooth sheet")
+    Refusal.ROUGH_CORNERS.if_(fits.mean() < 0.9)
     ids = np.flatnonzero(fits)
     return ids, grid.reshape(-1, 2)[ids]
 

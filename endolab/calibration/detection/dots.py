@@ -15,12 +15,9 @@ from endolab.calibration.detection.lattice import (
     grow,
     places_of,
 )
+from endolab.calibration.refusals import Refusal
 from endolab.calibration.targets import DotGrid
 from endolab.numerics.arrays import FloatArray, IntArray
-
-
-class NotFoundError(Exception):
-    """Why a target is not found in a picture, in a few words."""
 
 
 def read_bits(owner: IntArray, blobs: Blobs, cell: FloatArray, gap: float) -> FloatArray:
@@ -88,15 +85,13 @@ def match_code(places: IntArray, size: FloatArray, code: IntArray) -> IntArray |
 def detect_dots(image: FloatArray, target: DotGrid) -> tuple[IntArray, FloatArray]:
     """Find the dots of a coded grid in (H, W) float32 of [0, 1]: ids, ascending, and pixels."""
     blobs = find_blobs(image, greys=target.greys is not None)
-    if len(blobs.ink) < constants.LEAST_DOTS:
-        raise NotFoundError("too few dark spots")
+    Refusal.FEW_SPOTS.if_(len(blobs.ink) < constants.LEAST_DOTS)
     gap = 2 * np.log(target.large / target.small)
     area = np.pi * target.radii**2 / target.spacing**2
     # Ink is not quite black, and near the rim of a lattice its cell is not quite known.
     cover = 0.35 * float(area.min()), 2.2 * float(area.max())
     pieces = find_lattices(blobs, cover, 2 * (target.columns + target.rows) + 5)
-    if not pieces:
-        raise NotFoundError("the dark spots form no grid")
+    Refusal.NO_GRID.if_(not pieces)
     code = target.code
     sheet = np.full(code.shape, -1)
     for piece in pieces:
@@ -107,15 +102,13 @@ def detect_dots(image: FloatArray, target: DotGrid) -> tuple[IntArray, FloatArra
         if onto is not None:
             inside = np.all((onto >= 0) & (onto < code.shape), axis=1)
             sheet[tuple(onto[inside].T)] = piece[tuple(places[inside].T)]
-    if np.all(sheet < 0):
-        raise NotFoundError("the code of the dots does not match")
+    Refusal.OTHER_CODE.if_(np.all(sheet < 0))
     sheet = grow(sheet, blobs, cover)
     panel = target.panel_of(target.points).reshape(code.shape)
     for _ in range(2):
         fits, cell = check_places(places_of(sheet, blobs), panel)
         off = np.abs(read_bits(sheet, blobs, cell, gap) - (2 * code - 1))
         sheet = np.where(fits & (off < constants.MOST_OFF), sheet, -1)
-        if (sheet >= 0).sum() < constants.LEAST_DOTS:
-            raise NotFoundError("the dots do not lie on a smooth sheet")
+        Refusal.ROUGH_DOTS.if_((sheet >= 0).sum() < constants.LEAST_DOTS)
     ids = np.flatnonzero(sheet >= 0)
     return ids, blobs.centres[sheet.ravel()[ids]]

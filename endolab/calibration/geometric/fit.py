@@ -23,17 +23,19 @@ from endolab.calibration.geometric.projection import (
     camera_of,
     camera_vector,
 )
-from endolab.calibration.geometric.reprojection import Reprojection, View, disagree
-from endolab.calibration.least_squares import fit, hold_out, is_better
+from endolab.calibration.geometric.reprojection import (
+    Reprojection,
+    View,
+    check_agreement,
+)
+from endolab.calibration.least_squares import fit, hold_out, is_better, jackknife
+from endolab.calibration.refusals import Refusal
 from endolab.calibration.targets import Target
 from endolab.model.cameras import KannalaBrandt
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import unknown_name
 from endolab.numerics.iteration import Status
 
-VIEWS_NEEDED = (
-    f"a calibration needs {constants.LEAST_VIEWS} views from different directions at least"
-)
 LENSES = ("auto", "fisheye", "brown")
 
 
@@ -112,7 +114,7 @@ def calibrate_camera(
         Of the pictures, px.
     lens : {"fisheye", "brown", "auto"}
         `KannalaBrandt`, `BrownConrady`, or what predicts views that were held out
-        best; a fisheye where they go beyond 69° off the axis, or the other is far from what it sees.
+        best; a fisheye where they go beyond 69° off the axis.
     start : KannalaBrandt or BrownConrady, optional
         A camera near the truth, whose kind is fitted whatever the `lens`. Then one view is enough, and
         what it cannot tell shows in the
@@ -136,14 +138,10 @@ def calibrate_camera(
     _refuse_few(len(views), {})
     fisheye, squares = _calibrate(views, target, _start(views, target, width, height))
     _refuse_untold(fisheye)
-    begin, off = _begin_brown(fisheye)
-    is_near = (
-        fisheye.max_angle_seen < constants.WIDEST_BROWN
-        and off < constants.FARTHEST_BROWN * fisheye.rmse
-    )
-    if lens == "fisheye" or (lens == "auto" and not is_near):
+    is_wide = fisheye.max_angle_seen > constants.WIDEST_BROWN
+    if lens == "fisheye" or (lens == "auto" and is_wide):
         return fisheye
-    brown, of_brown = _calibrate(views, target, begin, fisheye.sigma)
+    brown, of_brown = _calibrate(views, target, _begin_brown(fisheye), fisheye.sigma)
     _refuse_untold(brown)
     if lens == "brown":
         return brown
@@ -196,8 +194,7 @@ def _start(views: Sequence[View], target: Target, width: int, height: int) -> Ka
         if miss < best:
             best = miss
             start = camera
-    if np.isinf(best):
-        raise ValueError(f"most views are of no use: {_reasons(dropped)}")
+    Refusal.USELESS_VIEWS.if_(np.isinf(best), why=_reasons(dropped))
     return start
 
 
@@ -221,14 +218,17 @@ def _calibrate(
         cuts = np.cumsum([len(view.ids) for view in views])[:-1]
         inliers = np.split(fitted.used, cuts)
         for view, used in zip(views, inliers, strict=True):
-            if why := disagree(used):
-                dropped[_label(view, target)] = why
+            try:
+                check_agreement(used)
+            except ValueError as why:
+                dropped[_label(view, target)] = str(why)
         good = [_label(view, target) not in dropped for view in views]
         views = list(compress(views, good))
         poses = [Pose.of(vector) for vector in fitted.own[good]]
     frames = list(dict.fromkeys(view.name for view in views))
     frame = np.array([frames.index(view.name) for view in views])[model.group]
-    fitted, squares = hold_out(model, fitted, frame, sigma or fitted.sigma)
+    squares, off = hold_out(model, fitted, frame, sigma or fitted.sigma)
+    fitted = jackknife(model, fitted, frame, model.sd)
     name = "fisheye" if isinstance(camera, KannalaBrandt) else "brown"
     found = GeometricFit(
         camera=camera,
@@ -242,16 +242,13 @@ def _calibrate(
         covariance=fitted.covariance,
         max_angle_seen=float(model.angles(fitted.own)[fitted.used].max()),
         status=fitted.status,
-        held_out={name: float(np.sqrt(np.nanmean(squares)))},
+        held_out={name: off},
     )
     return found, dict(zip(frames, squares.tolist(), strict=True))
 
 
-def _begin_brown(fitted: GeometricFit) -> tuple[Lens, float]:
-    """Return the Brown-Conrady camera that is likest to a fisheye, as far as it was seen.
-
-    And how far off it is along a row, rms, px.
-    """
+def _begin_brown(fitted: GeometricFit) -> Lens:
+    """Return the Brown-Conrady camera that is likest to a fisheye, as far as it was seen."""
     camera = fitted.camera
     vector = camera_vector(camera)
     theta = np.linspace(0.02, min(fitted.max_angle_seen, constants.WIDEST_BROWN), 100)
@@ -259,10 +256,8 @@ def _begin_brown(fitted: GeometricFit) -> tuple[Lens, float]:
     r = np.tan(theta)
     odd = r[:, None] ** [3, 5, 7]
     k1, k2, k3 = np.linalg.lstsq(odd, h - r)[0]
-    off = vector[0] * (r + odd @ [k1, k2, k3] - h)
     likest = np.concatenate([vector[:4], [k1, k2, 0, 0, k3, 0, 0, 0]])
-    rms = float(np.sqrt(np.mean(off**2)))
-    return camera_of(likest, camera.width, camera.height), rms
+    return camera_of(likest, camera.width, camera.height)
 
 
 def _reasons(dropped: dict[str, str]) -> str:
@@ -273,9 +268,8 @@ def _reasons(dropped: dict[str, str]) -> str:
 def _refuse_few(
     count: int, dropped: dict[str, str], least: int = constants.LEAST_VIEWS
 ) -> None:
-    if count < least:
-        why = f" ({_reasons(dropped)})" if dropped else ""
-        raise ValueError(f"{VIEWS_NEEDED}, got {count}{why}")
+    why = f" ({_reasons(dropped)})" if dropped else ""
+    Refusal.FEW_VIEWS.if_(count < least, count=count, why=why)
 
 
 def _refuse_untold(result: GeometricFit) -> None:
@@ -288,18 +282,12 @@ def _refuse_untold(result: GeometricFit) -> None:
         place = np.append(pose.rotation * far / np.sqrt(2), pose.translation)
         if all(np.linalg.norm(place - other) > 0.02 * far for other in places):
             places.append(place)
-    if len(places) < constants.LEAST_VIEWS:
-        hardly = f"the sheet hardly moves in the {len(result.poses)} views"
-        raise ValueError(f"{VIEWS_NEEDED}, got {len(places)}: {hardly}")
-    tilt = max(pose.tilt for pose in result.poses)
-    fact = f"the sheet's largest tilt is {np.degrees(tilt):.1f}°"
-    if tilt < np.radians(5):
-        square = "views square to the axis cannot tell the focal length from the distance"
-        raise ValueError(f"{square}: {fact}; tilt the sheet by 20° or more in some views")
+    still = len(places) < constants.LEAST_VIEWS
+    Refusal.STILL.if_(still, count=len(places), views=len(result.poses))
+    tilt = np.degrees(max(pose.tilt for pose in result.poses))
+    Refusal.SQUARE.if_(tilt < 5, tilt=tilt)
+    facts = {"tilt": tilt, "seen": np.degrees(result.max_angle_seen)}
     for name in CAMERA_NAMES[:4]:
         error = result.standard_errors[name]
-        if not error < 0.05 * result.camera.fx:
-            lie = f"points lie up to {np.degrees(result.max_angle_seen):.0f}° off the axis"
-            why = f"its standard error is {error:.0f} px; {fact}, and {lie}"
-            ways = "add tilted views that fill the picture"
-            raise ValueError(f"the views do not tell {name}: {why}; {ways}")
+        is_sure = error < 0.05 * result.camera.fx
+        Refusal.UNSURE_CAMERA.if_(not is_sure, name=name, error=error, **facts)

@@ -6,10 +6,9 @@ from scipy.spatial.transform import Rotation
 
 from endolab.calibration import constants
 from endolab.calibration.geometric.pose import Pose
+from endolab.calibration.refusals import Refusal
 from endolab.model.cameras import Camera
 from endolab.numerics.arrays import FloatArray
-
-DISORDER = "its points do not lie to each other as the target's do"
 
 
 def planar_pose(pixels: FloatArray, points: FloatArray, camera: Camera) -> Pose:
@@ -23,15 +22,11 @@ def planar_pose(pixels: FloatArray, points: FloatArray, camera: Camera) -> Pose:
     has_ray = np.isfinite(rays[:, 0])
     rays = rays[has_ray]
     points = points[has_ray]
-    if len(rays) < constants.LEAST_POINTS:
-        raise ValueError(
-            f"a pose needs {constants.LEAST_POINTS} points at least, got {len(rays)}"
-        )
+    Refusal.FEW_POINTS.if_(len(rays) < constants.LEAST_POINTS, count=len(rays))
     middle = points[:, :2].mean(axis=0)
     centred = points[:, :2] - middle
     extent = np.linalg.svd(centred, compute_uv=False)
-    if extent[1] <= 1e-6 * extent[0]:
-        raise ValueError("its points lie on one line")
+    Refusal.ON_LINE.if_(extent[1] <= 1e-6 * extent[0])
     # A pinhole camera that looks along the middle ray.
     look = Rotation.align_vectors([[0.0, 0.0, 1.0]], [np.median(rays, axis=0)])[
         0
@@ -44,17 +39,14 @@ def planar_pose(pixels: FloatArray, points: FloatArray, camera: Camera) -> Pose:
         size = extent[0] / np.sqrt(len(points))
         homography, _ = cv2.findHomography(centred[seen] / size, plane, cv2.LMEDS)
     if homography is None:
-        raise ValueError(DISORDER)
+        raise Refusal.DISORDER.error()
     homography = homography / [size, size, 1.0]
     expected = np.column_stack([centred, np.ones(len(points))]) @ homography.T
     expected /= np.linalg.norm(expected, axis=1, keepdims=True)
     miss = np.median(np.linalg.norm(expected - turned, axis=1))
-    if miss > constants.LARGEST_MISS * np.median(
-        np.linalg.norm(rays - rays.mean(axis=0), axis=1)
-    ):
-        raise ValueError(DISORDER)
-    if np.linalg.det(homography) <= 0:
-        raise ValueError("its points are mirrored: the paper would be seen from behind")
+    spread = np.median(np.linalg.norm(rays - rays.mean(axis=0), axis=1))
+    Refusal.DISORDER.if_(miss > constants.LARGEST_MISS * spread)
+    Refusal.BEHIND.if_(np.linalg.det(homography) <= 0)
     scale = np.sqrt(np.linalg.norm(homography[:, 0]) * np.linalg.norm(homography[:, 1]))
     x, y, t = (look.T @ homography / scale).T
     nearly = np.column_stack([x, y, np.cross(x, y)])

@@ -20,6 +20,7 @@ from endolab.calibration.geometric.projection import (
     project,
 )
 from endolab.calibration.least_squares import Model, fit
+from endolab.calibration.refusals import Refusal
 from endolab.calibration.targets import Target
 from endolab.model.cameras import KannalaBrandt
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
@@ -81,7 +82,6 @@ class Reprojection(Model):
             group=np.repeat(np.arange(len(views)), [len(view.ids) for view in views]),
             mean=camera_vector(usual),
             sd=sd,
-            own_sd=np.full(6, np.inf),
             points=target.points[ids],
             radii=target.radii[ids],
             pixels=np.concatenate([view.pixels for view in views]),
@@ -111,11 +111,10 @@ class Reprojection(Model):
         return (self.angles(own) < largest) & turned[self.group]
 
 
-def disagree(used: BoolArray) -> str:
-    """Say that too few points of a view are used, if so."""
-    if used.sum() >= max(constants.LEAST_POINTS, len(used) / 2):
-        return ""
-    return f"only {used.sum()} of its {len(used)} points agree with the others"
+def check_agreement(used: BoolArray) -> None:
+    """Refuse a view of which too few points, (n,), are used."""
+    is_poor = used.sum() < max(constants.LEAST_POINTS, len(used) / 2)
+    Refusal.DISAGREE.if_(is_poor, good=used.sum(), count=len(used))
 
 
 def find_pose(
@@ -130,7 +129,5 @@ def find_pose(
     model = Reprojection.of([view], target, camera, 0)
     start = planar_pose(view.pixels, model.points, camera)
     fitted = fit(model, model.mean, start.vector[None])
-    inliers = fitted.used
-    if why := disagree(inliers):
-        raise ValueError(why)
-    return Pose.of(fitted.own[0]), inliers, fitted.residual
+    check_agreement(fitted.used)
+    return Pose.of(fitted.own[0]), fitted.used, fitted.residual

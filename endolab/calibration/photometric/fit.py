@@ -28,7 +28,7 @@ import numpy as np
 from pydantic import Field
 
 from endolab.calibration import constants
-from endolab.calibration.least_squares import Fit, fit
+from endolab.calibration.least_squares import Fit, fit, jackknife
 from endolab.calibration.photometric.identifiability import (
     one_sided,
     power_of_lamp,
@@ -36,9 +36,9 @@ from endolab.calibration.photometric.identifiability import (
 )
 from endolab.calibration.photometric.lamps import Lamps, choose_lamps
 from endolab.calibration.photometric.model import GREY_LEVELS, LightModel, hats, place_nodes
-from endolab.calibration.photometric.refusals import Doubt, Refusal
 from endolab.calibration.photometric.result import PhotometricFit
 from endolab.calibration.photometric.samples import Samples
+from endolab.calibration.refusals import Doubt, Refusal
 from endolab.model.brdf import BRDF, Lambertian, TabulatedBRDF
 from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import BoolArray, FloatArray
@@ -154,7 +154,13 @@ def calibrate_light(samples: Samples, **options: Any) -> PhotometricFit:
     untold = not (determined or how.lamps == "auto")
     near = samples.distance[good].min()
     Refusal.AFAR.if_(untold, share=100 * of_lamp, near=near)
-    power = _refuse_other_light(model, fitted)  # before a search
+    power = np.nan, np.nan
+    # A free γ would make up for another light, and run out of its bounds.
+    if not is_free:
+        power = power_of_lamp(model, fitted.common[1], fitted.used & (samples.level > 0))
+    is_room = power[0] + 2 * power[1] < constants.LEAST_POWER
+    Refusal.LIT_ROOM.if_(is_room, power=power[0], error=power[1])
+    Refusal.UNLIKE.if_(fitted.sigma > constants.LARGEST_SIGMA, sigma=fitted.sigma)
     wanted = how.lamps if determined else "centre"
     stiff, fitted, held_out = choose_lamps(stiff, fitted, wanted)
     model = model.with_lamps(stiff.lamps)
@@ -179,7 +185,7 @@ def _model(samples: Samples, good: BoolArray, how: LightOptions) -> LightModel:
         value, sd = _belief(one, 1.0)
         known[f"reflectance {material}"] = float(np.log(value)), sd / value
     mean, sds = np.array(list(known.values())).T
-    return LightModel(group, mean, sds, np.array([np.inf]), samples, nodes, list(known))
+    return LightModel(group, mean, sds, samples, nodes, list(known))
 
 
 def _start(model: LightModel, good: BoolArray) -> FloatArray:
@@ -192,44 +198,6 @@ def _start(model: LightModel, good: BoolArray) -> FloatArray:
     missing = np.bincount(model.group, weight * (model.mean[1] * np.log(level) - light))
     own[:, 0] = missing / np.bincount(model.group, weight)
     return own
-
-
-def _refuse_other_light(model: LightModel, fitted: Fit) -> tuple[float, float]:
-    """Refuse the light of no endoscope; return the power of a lamp's at the lens that there is, and its ±."""
-    power = np.nan, np.nan
-    # A free γ would make up for another light, and run out of its bounds.
-    if np.isfinite(model.sd[1]):
-        seen = fitted.used & (model.samples.level > 0)
-        power = power_of_lamp(model, fitted.common[1], seen)
-    is_room = power[0] + 2 * power[1] < constants.LEAST_POWER
-    Refusal.LIT_ROOM.if_(is_room, power=power[0], error=power[1])
-    Refusal.UNLIKE.if_(fitted.sigma > constants.LARGEST_SIGMA, sigma=fitted.sigma)
-    return power
-
-
-def _refuse_run_away(model: LightModel, fitted: Fit, errors: dict[str, float]) -> None:
-    """Refuse what was fitted if it is of no use."""
-    k, gamma = fitted.common[:2].tolist()
-    error = gamma * errors["k/gamma"]
-    is_sure = k >= 0 and error <= constants.LARGEST_K_ERROR
-    count = {"samples": len(model.samples), "frames": len(np.unique(model.samples.frame))}
-    Refusal.UNSURE_K.if_(not is_sure, k=k, error=error, **count)
-    low, high = constants.GAMMA_BOUNDS
-    is_sure = errors["gamma"] <= constants.LARGEST_GAMMA_ERROR * gamma
-    ran = np.isinf(model.sd[1]) and not (low <= gamma <= high and is_sure)
-    Refusal.UNSURE_GAMMA.if_(ran, gamma=gamma, error=errors["gamma"])
-
-
-def _standard_errors(
-    model: LightModel, vector: FloatArray, covariance: FloatArray
-) -> dict[str, float]:
-    """Standard errors of the values themselves, by those of the unknowns; 0 for what was given."""
-    slopes = np.eye(len(vector) + 1, len(vector))
-    start = model.of_brdf.start
-    slopes[:, start:] *= np.exp(vector[start:])  # of logarithms
-    slopes[-1, :2] = 1 / vector[1], -vector[0] / vector[1] ** 2  # of k/γ
-    errors = np.sqrt(np.einsum("ip,pq,iq->i", slopes, covariance, slopes))
-    return dict(zip([*model.names, "k/gamma"], errors.tolist(), strict=True))
 
 
 def _range(values: FloatArray) -> tuple[float, float]:
@@ -245,18 +213,27 @@ def _result(
     determined: bool,
 ) -> PhotometricFit:
     """Check a fit of the model with some unknowns held, and name what it found."""
-    covariance = fitted.covariance
-    # Their uncertainty is given back, and with it that of what hangs on them.
-    for i in np.flatnonzero(model.sd != stiff.sd):
-        along = covariance[i] / covariance[i, i]  # d(all)/d(held)
-        wider = model.sd[i] ** 2 - covariance[i, i]
-        covariance = covariance + wider * np.outer(along, along)
-    fitted = replace(fitted, covariance=covariance)
+    frames, frame = np.unique(model.samples.frame, return_inverse=True)
+    # Those that were held get their uncertainty back, and with it what hangs on them.
+    fitted = jackknife(stiff, fitted, frame, model.sd)
     vector = fitted.common
-    places = vector[model.of_lamps].reshape(-1, 2)
-    own = fitted.own
-    errors = _standard_errors(model, vector, fitted.covariance)
-    _refuse_run_away(model, fitted, errors)
+    k, gamma = vector[:2].tolist()
+    # Of the values themselves, by those of the unknowns; 0 for what was given.
+    slopes = np.eye(len(vector) + 1, len(vector))
+    start = model.of_brdf.start
+    slopes[:, start:] *= np.exp(vector[start:])  # of logarithms
+    slopes[-1, :2] = 1 / gamma, -k / gamma**2  # of k/γ
+    deviations = np.sqrt(np.einsum("ip,pq,iq->i", slopes, fitted.covariance, slopes))
+    errors = dict(zip([*model.names, "k/gamma"], deviations.tolist(), strict=True))
+    error = gamma * errors["k/gamma"]
+    is_sure = k >= 0 and error <= constants.LARGEST_K_ERROR
+    count = {"samples": len(model.samples), "frames": len(frames)}
+    Refusal.UNSURE_K.if_(not is_sure, k=k, error=error, **count)
+    low, high = constants.GAMMA_BOUNDS
+    error = errors["gamma"]
+    is_sure = low <= gamma <= high and error <= constants.LARGEST_GAMMA_ERROR * gamma
+    is_free = np.isinf(model.sd[1])
+    Refusal.UNSURE_GAMMA.if_(is_free and not is_sure, gamma=gamma, error=error)
     clear = GREY_LEVELS * min(constants.LEVELS[0], 1 - constants.LEVELS[1])
     doubts = {
         Doubt.UNFINISHED: fitted.status is not Status.CONVERGED,
@@ -271,15 +248,15 @@ def _result(
     if len(f) > 1:
         surface = TabulatedBRDF(tuple(model.nodes), f)
     # One gain for each frame, though it may be the same for all.
-    frames = np.unique(model.samples.frame)
-    alike = len(frames) // len(own)
-    gains = np.repeat(np.exp(own[:, 0]), alike)
+    alike = len(frames) // len(fitted.own)
+    gains = np.repeat(np.exp(fitted.own[:, 0]), alike)
     locked = float(gains[0]) if alike > 1 else None
     counted = model.samples[fitted.used]
     free = np.flatnonzero(model.sd)
-    light = Photometry(float(vector[0]), float(vector[1]), locked, surface)
+    light = Photometry(k, gamma, locked, surface)
+    places = vector[model.of_lamps].reshape(-1, 2).tolist()
     return PhotometricFit(
-        photometry=light.with_lamps(places.tolist()) if len(places) else light,
+        photometry=light.with_lamps(places) if places else light,
         frames=frames,
         gains=gains,
         gain_errors=gains * np.repeat(np.sqrt(fitted.own_covariance[:, 0, 0]), alike),

@@ -64,7 +64,7 @@ def signals(model: LightModel, good: BoolArray) -> tuple[float, float, float]:
     known = np.column_stack([others, k])
     _, of_gamma, _ = regress(model, gamma, known, weight)
     beside = model.with_lamps(1)
-    own = np.zeros((int(model.group[-1]) + 1, len(model.own_sd)))
+    own = np.zeros((int(model.group[-1]) + 1, 1))
     by_place = beside.shine(beside.mean, own)[1][:, beside.of_lamps]
     of_lamp = [regress(model, axis, known, weight)[1] for axis in by_place.T]
     left = np.square([of_k, of_gamma, *of_lamp])

@@ -30,7 +30,7 @@ def choose_lamps(
     """Fit as many lamps as are wanted, from the fit of one at the lens.
 
     Returns their model and fit, and the root mean square residual, grey levels, of frames held out by each
-    number that was tried.
+    number that auto tried.
     """
     models = [model.with_lamps(lamps) for lamps in range(len(LAMPS))]
     fits = [centred]
@@ -43,16 +43,18 @@ def choose_lamps(
         ):
             fits.append(fit(models[2], _pair(fits[1].common, apart), fits[1].own))
     _, frame = np.unique(model.samples.frame, return_inverse=True)
-    tried = range(0 if wanted == "auto" else len(fits) - 1, len(fits))
-    held = {
-        lamps: hold_out(models[lamps], fits[lamps], frame, centred.sigma) for lamps in tried
-    }
-    best = tried[0]
-    for lamps in tried:
-        if is_better(held[lamps][1], than=held[best][1]):
-            best = lamps
-    rms = {LAMPS[lamps]: float(np.sqrt(np.nanmean(held[lamps][1]))) for lamps in tried}
-    return models[best], held[best][0], rms
+    best = len(fits) - 1
+    rms = {}
+    if wanted == "auto":
+        best = 0
+        held = []
+        for lamps, fitted in enumerate(fits):
+            squares, off = hold_out(models[lamps], fitted, frame, centred.sigma)
+            held.append(squares)
+            rms[LAMPS[lamps]] = off
+            if is_better(squares, than=held[best]):
+                best = lamps
+    return models[best], fits[best], rms
 
 
 def _pair(common: FloatArray, apart: FloatArray) -> FloatArray:

@@ -42,12 +42,9 @@ def hats(nodes: FloatArray, theta: FloatArray) -> FloatArray:
 def place_nodes(theta: FloatArray, count: int) -> FloatArray:
     """Choose at most `count` nodes of the BRDF for samples at incidence angles, rad; (nodes,), ascending.
 
-    They are closer together near the least angle, where paper has its sheen; with too few samples
-    between two of them, one is left out.
+    With too few samples between two of them, one is left out.
     """
-    nodes = (
-        theta.min() + np.ptp(theta) * np.linspace(0, 1, count) ** constants.NODE_EXPONENT
-    )
+    nodes = np.linspace(theta.min(), theta.max(), count)
     while len(nodes) > 2:
         inside, _ = np.histogram(theta, nodes)
         thin = np.flatnonzero(inside < constants.LEAST_SUPPORT)

@@ -6,8 +6,8 @@ import numpy as np
 
 from endolab.calibration import constants
 from endolab.calibration.photometric.model import GREY_LEVELS
-from endolab.calibration.photometric.refusals import Doubt
 from endolab.calibration.photometric.samples import Samples
+from endolab.calibration.refusals import Doubt
 from endolab.model.brdf import TabulatedBRDF
 from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray, nan_if_undefined
@@ -38,8 +38,7 @@ class PhotometricFit:
 
     `covariance`, (p, p), is of the unknowns that all frames share, `names`: "k", "gamma", "lamp l x" and
     "lamp l y", mm, "brdf j", "reflectance m"; of the logarithms of BRDF and reflectances. `standard_errors`
-    are of the values themselves, "k/gamma" included; 0 for what was given. Where γ or a reflectance is only
-    known beforehand, `gain_errors` are those at its given value.
+    are of the values themselves, "k/gamma" included; 0 for what was given.
     """
 
     photometry: Photometry  # its gain is None, or the one that all frames share

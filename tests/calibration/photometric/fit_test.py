@@ -12,8 +12,8 @@ from endolab.calibration.photometric.model import (
     LightModel,
     place_nodes,
 )
-from endolab.calibration.photometric.refusals import Doubt, NotIdentifiableError
 from endolab.calibration.photometric.samples import Samples
+from endolab.calibration.refusals import Doubt, NotIdentifiableError
 from endolab.calibration.simulation.video import PAPER_SHEET
 from tests.tools.shooting import TRUTH, video
 
@@ -27,7 +27,7 @@ def test_every_derivative_agrees_with_finite_differences(rng, lamps):
     mean = np.concatenate([[2.0, 2.0], brdf, [0.0, np.log(0.5)]])
     sd = np.array([np.inf, 0.2, *[np.inf] * len(nodes), 0.0, 0.2])
     sd[4] = 0.0
-    model = LightModel(samples.frame, mean, sd, np.array([np.inf]), samples, nodes, [])
+    model = LightModel(samples.frame, mean, sd, samples, nodes, [])
     own = rng.normal(8, 0.3, (6, 1))
     model = model.with_lamps(lamps)
     vector = model.mean + 0.1 * (model.sd > 0)

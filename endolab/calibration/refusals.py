@@ -1,15 +1,21 @@
-"""Why a light cannot be told, and what may be wrong with one that was: all sentences."""
+"""Why a target, a pose, a camera or a light cannot be told, and what may be wrong with one that was.
+
+All sentences.
+"""
 
 from enum import Enum
 from typing import Any
 
 from endolab.calibration import constants
 
+VIEWS_NEEDED = (
+    f"a calibration needs {constants.LEAST_VIEWS} views from different directions at least"
+)
 OWN_LIGHT = "use the endoscope's own light, and no other"
 
 
 class NotIdentifiableError(ValueError):
-    """The samples do not tell an unknown: "gamma", "k", "lamps" or "light"."""
+    """What is seen does not tell an unknown: "target", "pose", "camera", "light", "k", "gamma", "lamps"."""
 
     def __init__(self, unknown: str, reason: str) -> None:
         super().__init__(reason)
@@ -18,6 +24,52 @@ class NotIdentifiableError(ValueError):
 
 class Refusal(Enum):
     """What is not told, and why."""
+
+    FEW_SPOTS = "target", "too few dark spots"
+    NO_GRID = "target", "the dark spots form no grid"
+    OTHER_CODE = "target", "the code of the dots does not match"
+    ROUGH_DOTS = "target", "the dots do not lie on a smooth sheet"
+    ROUGH_CORNERS = "target", "the corners do not lie on a smooth sheet"
+    MIRRORED = "target", "the picture is a mirror image: exchange its left and right"
+    FEW_CORNERS = (
+        "target",
+        "{read}, of the board's {first} to {last}; {count} corners agree, "
+        f"{constants.LEAST_CORNERS} are needed",
+    )
+    OTHER_BOARD = "target", "a board of {columns}×{rows} squares is seen"
+    NO_BOARD = "target", "no chessboard of this size, or not all of it is in view"
+    WHITE_FIRST = (
+        "target",
+        "its upper left square is white; exchange columns and rows if the board is turned",
+    )
+
+    FEW_POINTS = (
+        "pose",
+        f"a pose needs {constants.LEAST_POINTS} points at least, got {{count}}",
+    )
+    ON_LINE = "pose", "its points lie on one line"
+    DISORDER = "pose", "its points do not lie to each other as the target's do"
+    BEHIND = "pose", "its points are mirrored: the paper would be seen from behind"
+    DISAGREE = "pose", "only {good} of its {count} points agree with the others"
+    ALIEN = "pose", "its points are {off:.3g} px off, of other frames {usual:.2g} px"
+    LEFT_OUT = "pose", "left out, as asked"
+
+    FEW_VIEWS = "camera", f"{VIEWS_NEEDED}, got {{count}}{{why}}"
+    USELESS_VIEWS = "camera", "most views are of no use: {why}"
+    STILL = (
+        "camera",
+        f"{VIEWS_NEEDED}, got {{count}}: the sheet hardly moves in the {{views}} views",
+    )
+    SQUARE = (
+        "camera",
+        "views square to the axis cannot tell the focal length from the distance: the sheet's largest tilt "
+        "is {tilt:.1f}°; tilt the sheet by 20° or more in some views",
+    )
+    UNSURE_CAMERA = (
+        "camera",
+        "the views do not tell {name}: its standard error is {error:.0f} px; the sheet's largest tilt is "
+        "{tilt:.1f}°, and points lie up to {seen:.0f}° off the axis; add tilted views that fill the picture",
+    )
 
     FEW = (
         "light",
@@ -66,16 +118,23 @@ class Refusal(Enum):
         f"{100 * constants.LARGEST_GAMMA_ERROR:g} % at most; check the distances, or give gamma (--gamma)",
     )
 
-    def if_(self, is_so: Any, **facts: float) -> None:
-        """Raise it if it is so."""
+    def error(self, **facts: Any) -> NotIdentifiableError:
+        """Return it as an error."""
         unknown, words = self.value
+        return NotIdentifiableError(unknown, words.format(**facts))
+
+    def if_(self, is_so: Any, **facts: Any) -> None:
+        """Raise it if it is so."""
         if is_so:
-            raise NotIdentifiableError(unknown, words.format(**facts))
+            raise self.error(**facts)
 
 
 class Doubt(Enum):
-    """Why a light that was found may not be the right one."""
+    """Why a camera or a light that was found may not be the right one."""
 
+    LENSES_ALIKE = (
+        "Both lenses predict views that were held out alike within their noise: fisheye."
+    )
     UNFINISHED = "The fit of the light did not end as it should."
     OTHER_LIGHT = (
         "The brightness falls less with distance and tilt than a lamp's at the lens: there was another "
@@ -91,3 +150,14 @@ class Doubt(Enum):
     )
     MATT = "The surface was taken to be matt (Lambertian): a sheen would show as wrong k and γ."
     CLIPPED = "The residuals are so large that they reach out of the sensor's range, which biases the result."
+
+
+class Verdict(Enum):
+    """What can be used of a calibration."""
+
+    USE = "It can be used."
+    CAMERA_ALONE = "Use the camera alone: the light could not be told."
+    USELESS = (
+        "Do not use it: many points do not agree with the camera. The lens is of another kind, or the "
+        "sheet was not flat."
+    )
