@@ -201,6 +201,6 @@ def takes_settings(function: Function, types: Mapping[str, Any] | None = None) -
     )
     listed = str(inspect.getdoc(Settings)).partition("----------\n")[2]
     listed = listed.partition("solver_options :")[0]
-    own_words, _, last_words = str(inspect.getdoc(function)).partition("**options")
-    function.__doc__ = f"{own_words}{listed}**options{last_words}"
+    own_words = str(inspect.getdoc(function))
+    function.__doc__ = own_words.replace("**options", f"{listed}**options", 1)
     return function
