@@ -184,7 +184,7 @@ def _end_with(parent: int) -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
-@dataclass
+@dataclass(eq=False)
 class _Along:
     """Solves the rows of a recording one after the other."""
 

@@ -38,7 +38,7 @@ CURVES = {
 }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Shown:
     """A run that was recorded, as far as the layout depends on it."""
 
