@@ -239,7 +239,11 @@ def find(
                 f"start has shape {start.mask.shape}, the frame {full.mask.shape}"
             )
         known = problem_as_before(full, start, contours)
-        converged_at = start.energy if start.status.is_done else None
+        lengths = {name: start.report.asked.get(name) for name in settings.lengths}
+        if known is not None and full.report.lamps and lengths != settings.lengths:
+            known = start = None  # ω is of that unit
+        elif start.status.is_done:
+            converged_at = start.energy
     if known is None:
         lamps = Lamps.of(calibration, settings)
         small, full = problems_of_frame(frame, calibration, settings, lamps is not None)
