@@ -18,6 +18,7 @@ from endolab.cli.solving import (
     free_port,
     load,
     load_endoscope,
+    show_progress,
     tunnel,
 )
 
@@ -93,7 +94,8 @@ def tune(
 
     if html is not None:
         box = make()
-        box.export_html(html)
+        with show_progress("answer") as show:
+            box.export_html(html, show)
         box.close()
         print(f"tuner without Python: {html}")
         return

@@ -10,18 +10,21 @@ import base64
 import html
 import json
 import zlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from endolab.numerics.threads import limit_threads, threads
 from endolab.solvers.problem import REGULARISERS
 from endolab.workbench.tuning.engine import Answer, Engine
 from endolab.workbench.tuning.maps import PANELS, as_texts
 from endolab.workbench.tuning.messages import curve_of, message_of, still_said
 from endolab.workbench.tuning.script import page_script
+from endolab.workbench.tuning.source import Knobs
 
 PLAYED_LAMS = [
     float(f"{lam:.2g}") for lam in 10 ** np.linspace(-2, 2, 21)
@@ -60,7 +63,12 @@ def pack(answers: Sequence[Answer]) -> dict[str, Any]:
     return {"packed": packed, "low": low - step, "step": step, "end": end}
 
 
-def page_of(answer: Answer, engine: Engine, facts: dict[str, Any]) -> str:
+def page_of(
+    answer: Answer,
+    engine: Engine,
+    facts: dict[str, Any],
+    progress: Callable[[int, int], object],
+) -> str:
     """Return the page: λ × regulariser, with the light and the contours of an answer."""
     if answer.settings.solver != "gauss_newton":
         raise ValueError("only Gauss-Newton's answers are played over λ")
@@ -70,7 +78,18 @@ def page_of(answer: Answer, engine: Engine, facts: dict[str, Any]) -> str:
         for order in orders
         for lam in PLAYED_LAMS
     ]
-    answers = [engine.solve(wish, answer.still) for wish in wishes]
+
+    def solve(wish: Knobs) -> Answer:
+        with limit_threads(
+            1
+        ):  # cores share out the answers: less waiting than for bands of one
+            return engine.solve(wish, answer.still)
+
+    answers: list[Answer] = []
+    with ThreadPoolExecutor(threads()) as pool:
+        for one in pool.map(solve, wishes):
+            answers.append(one)
+            progress(len(answers), len(wishes))
     messages = [message_of(one, PANELS[:2], engine)[0] for one in answers]
     best = curve_of(answer, engine.curve_of(answer))  # as the tuner suggests it
     own = answer.result.problem.regulariser

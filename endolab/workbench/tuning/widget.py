@@ -10,7 +10,7 @@ from __future__ import annotations
 import base64
 import json
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -365,10 +365,17 @@ class TunerBox(anywidget.AnyWidget):
 
         self.engine.do(job)
 
-    def export_html(self, path: str | Path) -> Path:
-        """Write a tuner that needs no Python: one page, λ × regulariser, with what is held now."""
+    def export_html(
+        self,
+        path: str | Path,
+        progress: Callable[[int, int], object] = lambda done, total: None,
+    ) -> Path:
+        """Write a tuner that needs no Python: one page, λ × regulariser, with what is held now.
+
+        ``progress(done, total)`` is called after each answer.
+        """
         self.engine.wait()
-        page = page_of(self._final(), self.engine, self.facts)
+        page = page_of(self._final(), self.engine, self.facts, progress)
         write_atomically(path, page.encode())
         return Path(path)
 
