@@ -96,14 +96,16 @@ def test_the_bench_draws_what_the_model_renders(browser, tmp_path):
         nearest, brightest, _ = state["marks"]
         np.testing.assert_allclose(far.flat[nearest], np.nanmin(far), rtol=1e-6)
         np.testing.assert_allclose(linear.flat[brightest], np.nanmax(linear), rtol=1e-5)
-    box = page.locator("canvas").nth(3).bounding_box()  # of cos θ: the others say theirs, too
+    box = page.locator("canvas").nth(3).bounding_box()  # of cos θ
     page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     row, column = CAMERA.height // 2, CAMERA.width // 2
     page.wait_for_function("() => document.querySelector('div').bench.marks[2] >= 0")
     assert page.evaluate(STATE)["marks"][2] == row * CAMERA.width + column
-    said = [float(text) for text in page.locator("canvas + div").all_inner_texts()[:6]]
-    np.testing.assert_allclose(said[1], far[row, column] ** -2, rtol=5e-3)
-    np.testing.assert_allclose(said[5], seen.image[row, column], atol=2 / 255)
+    values = [
+        float(text) for text in page.locator("canvas + div").all_inner_texts()[:6]
+    ]
+    np.testing.assert_allclose(values[1], far[row, column] ** -2, rtol=5e-3)
+    np.testing.assert_allclose(values[5], seen.image[row, column], atol=2 / 255)
     photograph(page, "bench")
     box = page.locator("input[name=tilt]").bounding_box()
     left, right, y = box["x"] + 5, box["x"] + box["width"] - 5, box["y"] + 8

@@ -32,7 +32,7 @@ const CURSOR = [GREEN, [-5, 5, NaN, -5, 5], [-5, 5, NaN, 5, -5]];
 const LEGEND = "+ nearest to the lamp, ○ brightest, hatched: no wall";
 const CATCH = 16; // px from the line of the BRDF at which its nodes are caught
 
-const told = (value) => (value && value < 0.01 ? value.toExponential(2) : short(value));
+const digits_of = (value) => (value && value < 0.01 ? value.toExponential(2) : short(value));
 const largest = (map) => map.reduce((at, value, p) => (value > (map[at] ?? -1) ? p : at), -1);
 
 function add_knob([name, label, min, max, step, title, log], knobs, to, ask) {
@@ -113,7 +113,7 @@ export function bench(host, { width, height, packed, knobs, nodes, brdf, sheet }
         if (at >= 0) path(pen, xs, ys, (x, y) => [left + x, top + y]);
       });
       const value = maps[i][cursor];
-      said.textContent = value === undefined ? "" : value === value ? told(value) : "no wall";
+      said.textContent = value === undefined ? "" : value === value ? digits_of(value) : "no wall";
     });
     if (cursor < 0) picture.said.textContent = LEGEND;
     const lines = [{ x: columns, y: row_of(image), colour: BLUE, name: kept && "now" }];
