@@ -56,7 +56,7 @@ class Part(NamedTuple):
         if self.found is None:
             return f"{self.name} is None."
         if isinstance(self.right, bool):
-            return "" if self.found == self.right else f"{self.name} is {self.found}: it should not be."
+            return "" if self.found == self.right else f"{self.name}: {self.found}, not {self.right}."
         if isinstance(self.right, str):
             return "" if self.found == self.right else f"{self.name} is not {self.found!r}."
         right = np.asarray(self.right)
@@ -166,14 +166,14 @@ def two_lamps(slope):
         yield Part(f"slope for weight {weight:g}", slope(weight), right, 0.03)
 
 
-@exercise("Write γ log I of both, set them equal up to a constant, and solve for the other BRDF.")
+@exercise("Facing the camera, θ = α and d goes like 1/cos α. Set log I of both equal, up to a constant.")
 def twin_brdf(twin):
     cosine = np.cos(np.deg2rad(np.arange(0.0, 71.0, 5.0)))
     brdf = 0.2 * (1 + 0.3 * np.exp(-np.arccos(cosine) / 0.2))
     for k, gamma in ((2.5, 2.2), (3.1, 2.2), (2.5, 1.8), (3.1, 1.8)):
         right = gamma / 2.2 * (5.5 * np.log(cosine) + np.log(brdf)) - (k + 3) * np.log(cosine)
         found = np.log(np.asarray(twin(brdf, cosine, 2.5, 2.2, k, gamma), dtype=float))
-        name = f"log of the BRDF for k {k}, γ {gamma}"
+        name = f"log of the BRDF, less its mean, for k {k}, γ {gamma},"
         yield Part(name, found - found.mean(), right - right.mean(), 1e-9)
 
 
@@ -189,9 +189,9 @@ def enough_views(count, fit):
 
 @exercise("A picture knows no mm. Distances grow as the sheet is taken for larger, and light has g/d².")
 def shrunk_sheet(focal, distance, gain, *_):
-    yield Part("focal", focal, 1.0, 0.002, "times")
-    yield Part("distance", distance, 1 / 0.97, 0.002, "times")
-    yield Part("gain", gain, 1 / 0.97**2, 0.005, "times")
+    yield Part("focal", focal, 1.0, 0.002)
+    yield Part("distance", distance, 1 / 0.97, 0.002)
+    yield Part("gain", gain, 1 / 0.97**2, 0.005)
 
 
 geometric_calibration = SimpleNamespace(exercise_1=enough_views, exercise_2=shrunk_sheet)
@@ -227,7 +227,7 @@ def lamp_aside(side, aside):
 
 @exercise("I^γ falls as 1/d²: with the wrong γ, to which power does the ratio of two distances come?")
 def wrong_gamma(factor):
-    yield Part("factor", factor, 4 ** (2.0 / 2.2), 0.02, "times")
+    yield Part("factor", factor, 4 ** (2.0 / 2.2), 0.02)
 
 
 photometric_calibration = SimpleNamespace(
@@ -358,7 +358,7 @@ def gauss_newton_step(step):
     yield Part("your step, new map − old,", new - v, step_of, 0.02 * np.abs(step_of).max(), "in log d")
     far = problem.log_d0.ravel() + np.log(2)  # from where the whole step overshoots
     falls = cost(step(far.copy(), data, bend, cost, 0.1)) < cost(far)
-    yield Part("whether the energy falls from twice d₀, where the whole step overshoots,", bool(falls), True)
+    yield Part("the energy falls from 2 d₀, where the whole step goes too far", bool(falls), True)
 
 
 @exercise("1/z of a plane is linear in the pixel of a pinhole, so that its second differences are nothing.")
@@ -381,7 +381,7 @@ def small_epsilon(error, costs, smoothest, family):
     yield Part("smoothest", smoothest, min(charged, key=charged.get))
 
 
-@exercise("The slope of d over its median, halved; Huber of ε over ε; times w; its mean, times λ.")
+@exercise("`forward_gradient` of d over its median, halved; Huber of ε over ε; times w; its mean, times λ.")
 def first_order_energy(data_term, regulariser):
     _, frame, known, _ = posed("tube", 160)
     problem = make_problem(frame, known, smooth=0, xi="d", regulariser="first", lam=0.03)
@@ -397,7 +397,7 @@ regulariser = SimpleNamespace(exercise_1=heavy_lam, exercise_2=small_epsilon)
 # 06 ---------------------------------------------------------------------------------------
 @exercise("Distances grow by the root of the gain. Where the median is right, what is left is bent.")
 def gain_for_gamma(gain, left, why):
-    yield Part("gain", gain, 1.13, 0.03, "times")
+    yield Part("gain", gain, 1.13, 0.03)
     yield Part("left", left, 1.2, 0.3, "%")
     yield Part("why", why, "shape")
 
@@ -425,7 +425,9 @@ def bounced_once(once, walls):
 def found_highlights(shares, sample, found):
     mirrored = sample.mirrored > 0.2 * (sample.direct + sample.indirect)[..., 1]
     both = (mirrored & found).sum()
-    yield Part("shares", shares, [both / mirrored.sum(), both / found.sum()], 1e-3)
+    of_mirrored, of_found = shares
+    yield Part("the share that was found", of_mirrored, both / mirrored.sum(), 1e-3)
+    yield Part("the share that is right", of_found, both / found.sum(), 1e-3)
 
 
 light = SimpleNamespace(exercise_1=bounced_once, exercise_2=found_highlights)
@@ -448,7 +450,7 @@ def larger_gamma(ratios, with_gamma, usual):
         near, far = np.nanpercentile(with_gamma(gamma).distance, [5, 95])
         measured.append(far / near)
     right = measured[0], measured[0] ** 1.1, measured[1]
-    yield Part("ratios", ratios, right, 0.002 * max(right), "times")
+    yield Part("ratios", ratios, right, 0.002 * max(right))
 
 
 real_frame = SimpleNamespace(exercise_1=treated_highlights, exercise_2=larger_gamma)

@@ -23,8 +23,8 @@ TURN = """knobs => Object.entries(knobs).forEach(([name, value]) => {
   slider.oninput();
 })"""
 STATE = """() => {
-  const { image, misread, knobs, brdf, drawn } = document.querySelector("div").bench;
-  return { image: [...image], misread, knobs, brdf, drawn };
+  const { image, misread, marks, knobs, brdf, drawn } = document.querySelector("div").bench;
+  return { image: [...image], misread, marks, knobs, brdf, drawn };
 }"""
 
 
@@ -61,6 +61,8 @@ def test_the_bench_draws_what_the_model_renders(browser, tmp_path):
     box = page.locator("canvas").last.bounding_box()  # drag a node of the BRDF
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
     before = page.evaluate(STATE)["brdf"]
+    page.mouse.click(x, y - 60)  # far from the line: nothing is caught
+    assert page.evaluate(STATE)["brdf"] == before
     drag(page, (x, y), (x, y - 40))
     assert np.sum(np.subtract(page.evaluate(STATE)["brdf"], before) != 0) == 1
     for setting in SETTINGS:
@@ -88,6 +90,22 @@ def test_the_bench_draws_what_the_model_renders(browser, tmp_path):
         )
         off = 100 * (np.sqrt(centred / linear) - 1)
         np.testing.assert_allclose(state["misread"], off, atol=0.05)
+        places = CAMERA.field.rays * seen.distance[..., None]
+        far = np.linalg.norm(places - np.array(lamp.position), axis=-1)
+        linear = light.intensity(places, seen.normals) ** light.gamma
+        nearest, brightest, _ = state["marks"]
+        np.testing.assert_allclose(far.flat[nearest], np.nanmin(far), rtol=1e-6)
+        np.testing.assert_allclose(linear.flat[brightest], np.nanmax(linear), rtol=1e-5)
+    box = page.locator("canvas").nth(3).bounding_box()  # of cos θ
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    row, column = CAMERA.height // 2, CAMERA.width // 2
+    page.wait_for_function("() => document.querySelector('div').bench.marks[2] >= 0")
+    assert page.evaluate(STATE)["marks"][2] == row * CAMERA.width + column
+    values = [
+        float(text) for text in page.locator("canvas + div").all_inner_texts()[:6]
+    ]
+    np.testing.assert_allclose(values[1], far[row, column] ** -2, rtol=5e-3)
+    np.testing.assert_allclose(values[5], seen.image[row, column], atol=2 / 255)
     photograph(page, "bench")
     box = page.locator("input[name=tilt]").bounding_box()
     left, right, y = box["x"] + 5, box["x"] + box["width"] - 5, box["y"] + 8

@@ -24,7 +24,8 @@ def bench(camera: Camera, photometry: Photometry) -> HTML:
     """Make the model's bench: a plane before an endoscope, its picture and the factors that make it.
 
     Vignetting, lamp, response, gain, BRDF and plane follow the hand; a picture may be kept, to compare
-    another setting with it. A line tells by how much the distance is misread where the lamp, which may
+    another setting with it. The nearest point and the brightest are marked, and each map tells its value
+    under the cursor. A line tells by how much the distance is misread where the lamp, which may
     stand beside the lens, is taken to be at it.
 
     Parameters
@@ -38,8 +39,9 @@ def bench(camera: Camera, photometry: Photometry) -> HTML:
     Returns
     -------
     HTML
-        What a notebook shows; ``bench.image`` of its first element is the picture, stored values, and
-        ``bench.misread`` what is misread, %, a quarter of the width from its left and right.
+        What a notebook shows; ``bench.image`` of its first element is the picture, stored values,
+        ``bench.misread`` what is misread, %, a quarter of the width from its left and right, and
+        ``bench.marks`` the pixels nearest to the lamp, brightest, and under the cursor, or -1.
     """
     wall = Plane(60.0, 20.0)
     knobs = {
