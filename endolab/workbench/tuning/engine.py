@@ -34,13 +34,13 @@ from endolab.reconstruction.contrast import (
     ENOUGH_CONTRAST,
     explained_share,
     noise_left,
+    residual_of,
 )
 from endolab.reconstruction.found import Found
 from endolab.reconstruction.lamps import Lamps, divide_by_lamps
 from endolab.reconstruction.pipeline import are_as_found, find, solve_found
 from endolab.reconstruction.scale import to_scale
 from endolab.reconstruction.uncertainty import Uncertainty
-from endolab.solvers.energy import contradicts, model_image
 from endolab.solvers.gauss_newton import Look
 from endolab.solvers.problem import Problem
 from endolab.solvers.result import SOLUTION, Iterate, Observer, Result
@@ -123,10 +123,8 @@ class Answer:
 
     @cached_property
     def residual(self) -> FloatArray:
-        """Model minus frame, (H, W), grey levels of 255; nan where the picture says nothing against it."""
-        problem = self.result.problem
-        residual = model_image(problem, self.result.iterate.log_distance) - problem.image
-        return np.where(contradicts(problem, residual), 255 * residual, np.nan)
+        """See `residual_of`; grey levels of 255."""
+        return 255 * residual_of(self.result.iterate)
 
     @cached_property
     def explained(self) -> float:
