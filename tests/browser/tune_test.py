@@ -35,7 +35,7 @@ COUNT = """() => {
 }"""
 # Pairs of visible parts, none inside the other, that overlap by more than two pixels.
 OVERLAPS = """() => {
-    const names = '.endolab-tuner button, .endolab-knob, .endolab-status, .endolab-cell';
+    const names = '.endolab-tuner button, .endolab-knob, .endolab-status, .endolab-cell, .endolab-chip';
     const parts = [...document.querySelectorAll(names)]
         .filter((one) => one.offsetParent && !one.closest('.endolab-3d'));
     const boxes = parts.map((one) => one.getBoundingClientRect());
@@ -175,6 +175,11 @@ def test_one_cursor_reads_all_maps_and_a_click_lays_the_section_and_a_is_compare
 ):
     _, link = start("sim/frame.png")
     page = visit(link)
+    film = page.locator(".endolab-film")
+    film.get_by_role("button", name="▶").click()
+    film.get_by_role("button", name="||").wait_for()
+    film.get_by_role("button", name="▶").wait_for()  # it was played once, to the answer
+    assert "falls" not in film.locator("span").inner_text()
     box = page.locator(".endolab-body").nth(1).bounding_box()
     x, y = box["x"] + 0.3 * box["width"], box["y"] + 0.5 * box["height"]
     page.mouse.move(x, y)
@@ -195,8 +200,15 @@ def test_one_cursor_reads_all_maps_and_a_click_lays_the_section_and_a_is_compare
     page.wait_for_function(f"() => {KNOWN}.asked.lam === 1")
     page.get_by_label("preset").select_option("fastest")
     page.wait_for_function(f"() => {KNOWN}.asked.solver === 'fast_marching'")
+    lam = page.locator(".endolab-lam")
+    assert lam.locator("input").first.is_disabled()
+    assert "no energy" in lam.get_attribute("title")
     page.keyboard.press("r")
     page.wait_for_function(f"() => {KNOWN}.asked.solver === 'gauss_newton'")
+    assert lam.locator("input").first.is_enabled()
+    page.get_by_label("panel").nth(2).select_option("σ")
+    page.locator(".endolab-fill:visible").click()
+    page.wait_for_function(f"() => {KNOWN}.arrays['σ']")
     page.get_by_label("panel").nth(2).select_option("contours")
     page.wait_for_function(f"() => {KNOWN}.arrays.contours")
     page.keyboard.press("?")
@@ -240,7 +252,8 @@ def test_a_lamp_is_moved_by_hand_where_distances_are_mm(start, visit, frames, tm
     _, link = start("lit/frame.png", "--calibration", "simple")  # of unknown gain
     page = visit(link)
     page.get_by_role("button", name="more ...").click()
-    assert page.locator(".endolab-lamp_x input").first.is_disabled()
+    for name in ("lamp_x", "gain"):
+        assert page.locator(f".endolab-{name} input").first.is_disabled()
 
 
 def test_from_frame_to_frame_by_key_and_list_and_typed_letters_are_no_keys(
@@ -258,6 +271,9 @@ def test_from_frame_to_frame_by_key_and_list_and_typed_letters_are_no_keys(
     smooth.click()
     page.keyboard.press("a")
     assert smooth.input_value() == "a"
+    smooth.press("Enter")
+    assert "no number" in page.evaluate(SAID)
+    assert smooth.input_value() == ""
     assert page.complaints == []
     process.send_signal(signal.SIGINT)
     assert ended(process) == (0, "ended")
