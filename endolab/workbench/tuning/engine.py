@@ -202,10 +202,7 @@ def shown_as(iterate: Iterate, knobs: Knobs) -> Result:
 def solve(
     wish: Knobs, subject: Subject, found: Found, observers: Iterable[Observer] = ()
 ) -> tuple[Result, Sequence[Iterate]]:
-    """Solve with what was found, here and now; return some of the iterates, too.
-
-    Stopped, if an observer wants no answer any more.
-    """
+    """Solve with what was found, here and now; return some of the iterates, too."""
     steps = Path()
     result = solve_found(
         found,
@@ -213,31 +210,7 @@ def solve(
         observers=[steps.add, *observers],
         **wish.solving_settings(subject).keywords,
     )
-    if result.status is Status.STOPPED:
-        raise Stopped
     return result, steps.iterates
-
-
-def solve_anew(
-    wish: Knobs,
-    subject: Subject,
-    watch: Callable[[Iterate], bool] = lambda iterate: False,
-) -> Answer:
-    """Find light and contours by a wish's knobs, and solve with them, here and now.
-
-    Stopped, if `watch` wants no answer any more.
-    """
-
-    def stop_or_show(iterate: Iterate) -> None:
-        if watch(iterate):
-            raise Stopped
-
-    settings = wish.solving_settings(subject).settings
-    steps = find(subject.frame, wish.calibration_of(subject), settings)
-    found = finish(steps, stop_or_show)
-    result, path = solve(wish, subject, found, [watch])
-    still = Still.of(wish, subject, result.iterate, found)
-    return Answer(wish, AnswerKind.FINAL, still, result, path)
 
 
 class Engine:
@@ -265,8 +238,7 @@ class Engine:
         self.tried: list[Answer] = []  # with these, likewise
         self.shown: Answer | None = None  # the last one
         self.settled: Answer | None = None  # the last one that was final
-        self._still: Still | None = None  # of the last wish
-        self._look: Look | None = None  # at its surfaces
+        self._look: Look | None = None  # at surfaces of the last of `stills`
         self._wish = Knobs()  # the newest
         self._base: Knobs | None = None  # by which its light and contours are to be found
         self._asked = self._state = (
@@ -367,9 +339,6 @@ class Engine:
         still = None
         try:
             still = self._find(base)
-            if still is not self._still:
-                self._still = still
-                self._look = None
             answer = self.recall(wish, still) or self._follow(wish, still)
         except Stopped:
             raise
@@ -408,15 +377,21 @@ class Engine:
             subject = self.source.subject(knobs)
             show = self._show_long(knobs, subject)
 
-            def watch(iterate: Iterate) -> bool:
+            def watch(iterate: Iterate) -> None:
                 show(iterate)
-                return knobs != self._base
+                if knobs != self._base:
+                    raise Stopped
 
-            answer = solve_anew(knobs, subject, watch)
-            still = answer.still
+            settings = knobs.solving_settings(subject).settings
+            steps = find(subject.frame, knobs.calibration_of(subject), settings)
+            found = finish(steps, watch)
+            result, path = solve(knobs, subject, found, [watch])
+            still = Still.of(knobs, subject, result.iterate, found)
             if knobs not in self.finds:
                 self.finds.append(knobs)
-            self.tried.append(answer)
+            self.tried.append(Answer(knobs, AnswerKind.FINAL, still, result, path))
+        if still not in self.stills[-1:]:
+            self._look = None
         self.stills = [*(one for one in self.stills if one is not still), still]
         self.stills = self.stills[-KEPT_FINDS:]
         self.tried = [one for one in self.tried if one.still in self.stills]
@@ -456,21 +431,24 @@ class Engine:
             self._show(Answer(wish, AnswerKind.LOOK, still, shown_as(look, wish)))
             if not self._rests():
                 raise Stopped
-        return self.solve(wish, still, [self._show_long(wish, still.subject, still)])
+        show = self._show_long(wish, still.subject, still)
+        return self.solve(wish, still, [show, self._stop_if_stale])
+
+    def _stop_if_stale(self, iterate: Iterate) -> None:
+        """End a run that nobody waits for any more; an observer."""
+        if self.is_stale():
+            raise Stopped
 
     def _show_long(
         self, wish: Knobs, subject: Subject, still: Still | None = None
     ) -> Observer:
-        """Show iterates of a solver that has no looks, and all of a frame's first run.
-
-        Stops when a newer wish came.
-        """
+        """Show iterates of a solver that has no looks, and all of a frame's first run."""
         before = self.settled
         is_first = before is None or before.still.subject is not subject
         pause = FIRST_SIGHTS if still is None else BETWEEN
         last_shown = 0.0
 
-        def watch(iterate: Iterate) -> bool:
+        def show(iterate: Iterate) -> None:
             nonlocal last_shown
             follows = wish.solver != FOLLOWS and iterate.stage == SOLUTION
             is_due = time.perf_counter() - last_shown > pause
@@ -479,9 +457,8 @@ class Engine:
                 sight = shown_as(iterate, wish)
                 self._show(Answer(wish, AnswerKind.ITERATE, of, sight))
                 last_shown = time.perf_counter()
-            return self.is_stale()
 
-        return watch
+        return show
 
     def _rests(self) -> bool:
         """Wait until the hand rests; return whether it does."""
@@ -490,16 +467,12 @@ class Engine:
     def _try_others(self, answer: Answer) -> None:
         """Solve for other λ, and on to both sides until 99 % is crossed. Stopped by a newer wish."""
         wish = answer.settings
-
-        def stop(iterate: Iterate) -> bool:
-            return self.is_stale()
-
         curve = {one.settings.lam: one for one in self.curve_of(answer)}
         wanted = [wish.lam * factor for factor in LAM_FACTORS]
         while wanted := [lam for lam in wanted if LAMS[0] <= lam <= LAMS[1]]:
             for lam in (float(f"{lam:.2g}") for lam in wanted):
                 other = curve[lam] = self.solve(
-                    replace(wish, lam=lam), answer.still, [stop]
+                    replace(wish, lam=lam), answer.still, [self._stop_if_stale]
                 )
                 if other not in self.tried:
                     self._keep(answer, other)

@@ -17,7 +17,6 @@ from endolab.io.images import read_frame
 from endolab.io.settings import SolvingSettings
 from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import FloatArray
-from endolab.numerics.checks import unknown_name
 from endolab.reconstruction.settings import LENGTHS, Settings
 from endolab.synthetic.rendering import render
 from endolab.synthetic.scenes import SCENES
@@ -182,8 +181,6 @@ class Source:
         return Subject(frame, known, path=path)
 
     def _render(self, scene: str, width: int, noise: float) -> Subject:
-        if scene not in SCENES:
-            raise unknown_name("scene", scene, SCENES)
         whole = self.calibration.camera
         height = max(1, round(whole.height * width / whole.width))
         camera = whole.resize(width, height)
