@@ -25,6 +25,5 @@ from .maps import show_map as show_map
 from .maps import show_normals as show_normals
 from .maps import show_picture as show_picture
 from .maps import show_section as show_section
-from .maps import show_sigma as show_sigma
 from .scales import limits as limits
 from .surface_view import show_cloud as show_cloud

@@ -21,8 +21,8 @@ from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from enum import StrEnum
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 from skimage.measure import label
@@ -44,6 +44,7 @@ from endolab.reconstruction.uncertainty import Uncertainty
 from endolab.solvers.gauss_newton import Look
 from endolab.solvers.problem import Problem
 from endolab.solvers.result import SOLUTION, Iterate, Observer, Result
+from endolab.workbench.plots.scales import is_pictured
 from endolab.workbench.tuning.source import Knobs, Source, Subject
 
 REST = 0.15  # s without a wish, after which the hand rests
@@ -54,21 +55,12 @@ LAM_STEP = 3.2
 FIRST_SIGHTS = 0.4
 BETWEEN = 0.06
 LAMS = (1e-4, 100.0)  # that the slider reaches
-PATH_LENGTH = 60  # iterates of the last run that can be looked at, at most
-PATH_BYTES = 24e6  # and of their maps
+PATH_BYTES = 24e6  # of the first iterates of the last run, all of which can be looked at
 KEPT_ANSWERS = 12  # beside the one on screen: as much room as their distances take
 KEPT_FINDS = 2  # so many times light and contours are kept
 LAMP_STEP = 3  # rows and columns from one pixel that lamps are asked of to the next
 FOLLOWS = "gauss_newton"  # the solver whose looks follow a hand
 WITH_ENERGY = (FOLLOWS, "primal_dual")
-
-
-class AnswerKind(StrEnum):
-    """How an answer was found."""
-
-    LOOK = "look"  # on few pixels, from the last answer
-    ITERATE = "iterate"  # of a run that goes on, or of the last one
-    FINAL = "final"
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +106,9 @@ class Answer:
     """What the tuner found for one position of the knobs."""
 
     settings: Knobs
-    kind: AnswerKind
+    kind: Literal[
+        "look", "iterate", "final"
+    ]  # an iterate is of a run that goes on, or of the last one
     still: Still
     result: Result
     path: Sequence[Iterate] = ()  # iterates of the run, some of many
@@ -145,7 +139,7 @@ class Answer:
     @property
     def is_final(self) -> bool:
         """Whether its solver has come to its end."""
-        return self.kind is AnswerKind.FINAL
+        return self.kind == "final"
 
     @property
     def is_anew(self) -> bool:
@@ -203,14 +197,22 @@ def solve(
     wish: Knobs, subject: Subject, found: Found, observers: Iterable[Observer] = ()
 ) -> tuple[Result, Sequence[Iterate]]:
     """Solve with what was found, here and now; return some of the iterates, too."""
-    steps = Path()
+    path: list[Iterate] = []
+    dense = int(PATH_BYTES // found.problem.log_d0.nbytes)
+
+    def note(iterate: Iterate) -> None:
+        if iterate.stage == SOLUTION:  # the last one in mm
+            if len(path) > 1 and not is_pictured(path[-1].k, path[-2].k, dense):
+                path.pop()  # which was the last one, and is no more
+            path.append(iterate)
+
     result = solve_found(
         found,
         wish.calibration_of(subject),
-        observers=[steps.add, *observers],
+        observers=[note, *observers],
         **wish.solving_settings(subject).keywords,
     )
-    return result, steps.iterates
+    return result, path
 
 
 class Engine:
@@ -322,7 +324,7 @@ class Engine:
             return known
         assert still.found is not None
         result, path = solve(wish, still.subject, still.found, observers)
-        return Answer(wish, AnswerKind.FINAL, still, result, path)
+        return Answer(wish, "final", still, result, path)
 
     # In the engine's thread --------------------------------------------------------------
 
@@ -389,7 +391,7 @@ class Engine:
             still = Still.of(knobs, subject, result.iterate, found)
             if knobs not in self.finds:
                 self.finds.append(knobs)
-            self.tried.append(Answer(knobs, AnswerKind.FINAL, still, result, path))
+            self.tried.append(Answer(knobs, "final", still, result, path))
         if still not in self.stills[-1:]:
             self._look = None
         self.stills = [*(one for one in self.stills if one is not still), still]
@@ -428,7 +430,7 @@ class Engine:
             with limit_threads(1):
                 surface = near.result.iterate
                 look = self._look.follow(problem_of(wish, still, surface))
-            self._show(Answer(wish, AnswerKind.LOOK, still, shown_as(look, wish)))
+            self._show(Answer(wish, "look", still, shown_as(look, wish)))
             if not self._rests():
                 raise Stopped
         show = self._show_long(wish, still.subject, still)
@@ -455,7 +457,7 @@ class Engine:
             if is_due and (is_first or follows):
                 of = still or Still.of(wish, subject, iterate)
                 sight = shown_as(iterate, wish)
-                self._show(Answer(wish, AnswerKind.ITERATE, of, sight))
+                self._show(Answer(wish, "iterate", of, sight))
                 last_shown = time.perf_counter()
 
         return show
@@ -496,25 +498,3 @@ def problem_of(wish: Knobs, still: Still, surface: Iterate) -> Problem:
         return problem
     ratio = None if lamps is None else lamps.ratio(surface, LAMP_STEP)
     return divide_by_lamps(problem, ratio)
-
-
-class Path:
-    """Notes some of the iterates of a run, all of a short one, and always the last."""
-
-    def __init__(self) -> None:
-        self.iterates: list[Iterate] = []
-        self._count = 0
-        self._step = 1
-
-    def add(self, iterate: Iterate) -> None:
-        """Note an iterate; an observer."""
-        if iterate.stage != SOLUTION:  # the last one in mm
-            return
-        if (self._count - 1) % self._step:
-            self.iterates.pop()  # which was the last one, and is no more
-        self.iterates.append(iterate)
-        self._count += 1
-        length = min(PATH_LENGTH, int(PATH_BYTES // iterate.log_distance.nbytes))
-        if len(self.iterates) > max(length, 2):
-            self.iterates = self.iterates[:-1:2] + self.iterates[-1:]
-            self._step *= 2

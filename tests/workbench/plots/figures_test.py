@@ -37,7 +37,6 @@ def drawn(colon):
         "show_map": (start.distance,),
         "show_normals": (start.normals,),
         "show_error": (start.distance, seen.distance),
-        "show_sigma": (start.distance,),
         "show_dominant_source": (1 * problem.mask,),
         "show_section": ({"truth": seen.distance, "start": start}, problem.field),
         "show_cloud": (start.points, seen.image),

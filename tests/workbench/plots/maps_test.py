@@ -42,7 +42,7 @@ def test_what_is_unknown_is_grey_and_what_is_flat_has_one_colour(value):
     facing = flat[..., None] * [0.0, 0.0, -1 / 40]
     for ax in (
         plots.show_depth(flat),
-        plots.show_sigma(flat),
+        plots.show_map(flat, label="a [1]"),
         plots.show_error(flat, flat),
         plots.show_normals(facing),
     ):
