@@ -199,21 +199,6 @@ def show_ray_uncertainty(
     return _show_sigma("σ of rays", known, camera, seen, ax, limit, title)
 
 
-@house()
-def show_fall_off_uncertainty(
-    light: PhotometricFit, camera: Camera, ax: AxesOrNew = None
-) -> Axes:
-    """Show how well the light along each ray is known, relative to that on the axis.
-
-    Parameters
-    ----------
-    light : PhotometricFit
-    camera : Camera
-    """
-    values = fall_off_uncertainty(light, camera)
-    return _show_sigma("σ of μ′", values, camera, light.alpha_range[1], ax)
-
-
 # Figures of the light ---------------------------------------------------------------------
 def _over_angles(ax: AxesOrNew, title: str, x: str, y: str, seen: Any) -> Axes:
     """Give axes over angles of 0 to 90°; those beyond what was `seen`, rad, are shaded."""
@@ -442,5 +427,7 @@ def uncertainty_figure(session: Session) -> Figure:
         if geometry is not None:
             show_ray_uncertainty(geometry, axes[0])
         if light is not None:
-            show_fall_off_uncertainty(light, session.camera, axes[-1])
+            values = fall_off_uncertainty(light, session.camera)
+            seen = light.alpha_range[1]
+            _show_sigma("σ of μ′", values, session.camera, seen, axes[-1])
     return figure

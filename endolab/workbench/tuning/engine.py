@@ -158,17 +158,12 @@ class Answer:
         return 0 if cuts is None else int(label(cuts.any(axis=0), connectivity=2).max())
 
     def leave_screen(self) -> None:
-        """Forget all that is made again when it is shown, and the run."""
+        """Forget all that is made again when it is shown, its camera's rays as well, and the run."""
         for stays in ("explained", "errors"):
             getattr(self, stays)
         iterate = self.result.iterate
-        problem = iterate.problem
-        found = self.still.found
-        assert found is not None
-        camera = found.problem.camera  # rays are kept of this one alone
-        if camera != problem.camera:
-            camera = replace(problem.camera)
-        iterate = replace(iterate, problem=replace(problem, camera=camera))
+        camera = replace(iterate.problem.camera)
+        iterate = replace(iterate, problem=replace(iterate.problem, camera=camera))
         self.result = replace(self.result, iterate=iterate)
         self.path = ()
         vars(self).pop("residual", None)

@@ -45,7 +45,6 @@ def drawn(colon):
         "show_reprojection_histogram": (geometry,),
         "show_coverage": (geometry,),
         "show_ray_uncertainty": (geometry,),
-        "show_fall_off_uncertainty": (light, session.camera),
         "show_sampling": (image, samples[samples.frame == 0], session.camera),
         "show_light_residuals": (light,),
         "show_fall_off": (light,),
