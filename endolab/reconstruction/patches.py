@@ -38,9 +38,10 @@ def find_patch(
     # log I = a + b s, and on the patch + c + d s.
     terms = np.stack([s**0, s, s < 0, s * (s < 0)], axis=-1)
     for region in regionprops(regions):
+        if not sizes[0] < region.area / np.count_nonzero(problem.mask) < sizes[1]:
+            continue
         inside = regions == region.label
-        share = np.mean(inside[problem.mask])
-        if inside[~problem.mask].any() or not sizes[0] < share < sizes[1]:
+        if inside[~problem.mask].any():
             continue
         row, column = region.centroid
         radius = np.arange(np.ceil(region.axis_major_length) + 4 * reach)
