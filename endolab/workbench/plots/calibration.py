@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator
 from scipy.stats import norm
 
 from endolab.calibration.constants import LEAST_SCORED
@@ -117,8 +116,8 @@ def show_reprojection(geometry: GeometricFit, ax: AxesOrNew = None) -> Axes:
     """
     pixels, residuals, inliers = points_of(geometry)
     long = 0.02 * geometry.camera.width / max(geometry.sigma, 1e-6)
-    round_ones = np.array(LogLocator(subs=(1, 2, 5)).tick_values(long / 10, long))
-    longer = round_ones[round_ones <= long].max()
+    power = 10 ** np.floor(np.log10(long))
+    longer = power * np.floor(long / power)  # of one digit
     ax = _show_empty(ax, f"Reprojection, arrows × {longer:g}", geometry.camera)
     bad = pixels[~inliers]
     ax.plot(*bad.T, "x", ms=4, color=HOUSE.vermilion, label=count_of(len(bad), "outlier"))

@@ -167,7 +167,19 @@ class Source:
             raise ValueError("there is no frame to look at: choose a scene")
         else:
             subject = self._open(scene) if scene else self._given
-        return _leave_out(subject, left_out) if left_out else subject
+        if not left_out:
+            return subject
+        frame = subject.frame
+        mask = frame.pixels_to_use().copy()
+        row, column = np.ogrid[: frame.height, : frame.width]
+        x, y = (column + 0.5) / frame.width, (row + 0.5) / frame.height
+        for left, top, right, bottom in left_out:
+            mask &= (x < left) | (x > right) | (y < top) | (y > bottom)
+        if not mask.any():
+            raise ValueError(
+                "the rectangles leave nothing of the frame; press U to undo the last"
+            )
+        return replace(subject, frame=replace(frame, mask=mask))
 
     def _open(self, number: int) -> Subject:
         path = self.pictures[number]
@@ -189,18 +201,3 @@ class Source:
         shown = render(SCENES[scene], camera, light, noise=noise, bits=16)
         known = replace(self.calibration, camera=camera, photometry=shown.photometry)
         return Subject(Frame(shown.image, shown.mask, scene), known, shown.distance)
-
-
-def _leave_out(subject: Subject, rectangles: Sequence[Sequence[float]]) -> Subject:
-    """Leave rectangles out of what a subject's frame shows."""
-    frame = subject.frame
-    mask = frame.pixels_to_use().copy()
-    row, column = np.ogrid[: frame.height, : frame.width]
-    x, y = (column + 0.5) / frame.width, (row + 0.5) / frame.height
-    for left, top, right, bottom in rectangles:
-        mask &= (x < left) | (x > right) | (y < top) | (y > bottom)
-    if not mask.any():
-        raise ValueError(
-            "the rectangles leave nothing of the frame; press U to undo the last"
-        )
-    return replace(subject, frame=replace(frame, mask=mask))
