@@ -103,11 +103,6 @@ def in_colour(picture: FloatArray) -> FloatArray:
     return np.repeat(picture[..., None], 3, axis=-1) if picture.ndim == 2 else picture
 
 
-def is_pictured(k: int, before: int, dense: int = 20) -> bool:
-    """Whether an iterate is shown in full: each up to `dense`, then where k has grown by half since."""
-    return k <= dense or k >= 1.5 * before
-
-
 def three_digits(value: float) -> str:
     """Write three digits, 1000 rather than 1e+03."""
     return f"{float(f'{value:.3g}'):g}"

@@ -20,7 +20,7 @@ from endolab.numerics.checks import check_int
 from endolab.reconstruction.report import notes
 from endolab.reconstruction.uncertainty import Uncertainty
 from endolab.solvers.result import SOLUTION, Iterate, Result
-from endolab.workbench.plots.scales import OKABE_ITO, is_pictured, limits
+from endolab.workbench.plots.scales import OKABE_ITO, limits
 from endolab.workbench.recording.layouts import FRAMES, ITERATIONS, LAMBDAS, Shown
 from endolab.workbench.recording.pictures import (
     ENDS,
@@ -175,7 +175,8 @@ class Recorder:
             curves = {f"plots/{name}": value for name, value in numbers.items()}
             # The viewer knows no logarithmic axis, and on another one all but the first steps are flat.
             self._log(scalars(curves | _logarithms(iterate)))
-            often = is_pictured(iterate.k, self._pictured)
+            # Ever fewer, that a recording stays small.
+            often = iterate.k <= 20 or iterate.k >= 1.5 * self._pictured
             if begins or (often and iterate.stage == SOLUTION):
                 self._log_pictures(iterate)
 

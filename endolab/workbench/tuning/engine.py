@@ -44,7 +44,6 @@ from endolab.reconstruction.uncertainty import Uncertainty
 from endolab.solvers.gauss_newton import Look
 from endolab.solvers.problem import Problem
 from endolab.solvers.result import SOLUTION, Iterate, Observer, Result
-from endolab.workbench.plots.scales import is_pictured
 from endolab.workbench.tuning.source import Knobs, Source, Subject
 
 REST = 0.15  # s without a wish, after which the hand rests
@@ -55,7 +54,8 @@ LAM_STEP = 3.2
 FIRST_SIGHTS = 0.4
 BETWEEN = 0.06
 LAMS = (1e-4, 100.0)  # that the slider reaches
-PATH_BYTES = 24e6  # of the first iterates of the last run, all of which can be looked at
+PATH_LENGTH = 60  # iterates of the last run that can be looked at, at most
+PATH_BYTES = 24e6  # and of their maps
 KEPT_ANSWERS = 12  # beside the one on screen: as much room as their distances take
 KEPT_FINDS = 2  # so many times light and contours are kept
 LAMP_STEP = 3  # rows and columns from one pixel that lamps are asked of to the next
@@ -192,22 +192,14 @@ def solve(
     wish: Knobs, subject: Subject, found: Found, observers: Iterable[Observer] = ()
 ) -> tuple[Result, Sequence[Iterate]]:
     """Solve with what was found, here and now; return some of the iterates, too."""
-    path: list[Iterate] = []
-    dense = int(PATH_BYTES // found.problem.log_d0.nbytes)
-
-    def note(iterate: Iterate) -> None:
-        if iterate.stage == SOLUTION:  # the last one in mm
-            if len(path) > 1 and not is_pictured(path[-1].k, path[-2].k, dense):
-                path.pop()  # which was the last one, and is no more
-            path.append(iterate)
-
+    steps = Path()
     result = solve_found(
         found,
         wish.calibration_of(subject),
-        observers=[note, *observers],
+        observers=[steps.add, *observers],
         **wish.solving_settings(subject).keywords,
     )
-    return result, path
+    return result, steps.iterates
 
 
 class Engine:
@@ -493,3 +485,25 @@ def problem_of(wish: Knobs, still: Still, surface: Iterate) -> Problem:
         return problem
     ratio = None if lamps is None else lamps.ratio(surface, LAMP_STEP)
     return divide_by_lamps(problem, ratio)
+
+
+class Path:
+    """Notes some of the iterates of a run, all of a short one, and always the last."""
+
+    def __init__(self) -> None:
+        self.iterates: list[Iterate] = []
+        self._count = 0
+        self._step = 1
+
+    def add(self, iterate: Iterate) -> None:
+        """Note an iterate; an observer."""
+        if iterate.stage != SOLUTION:  # the last one in mm
+            return
+        if (self._count - 1) % self._step:
+            self.iterates.pop()  # which was the last one, and is no more
+        self.iterates.append(iterate)
+        self._count += 1
+        length = min(PATH_LENGTH, int(PATH_BYTES // iterate.log_distance.nbytes))
+        if len(self.iterates) > max(length, 2):
+            self.iterates = self.iterates[:-1:2] + self.iterates[-1:]
+            self._step *= 2

@@ -236,7 +236,7 @@ class Page:
         one = self.box.engine
         own = arrays_of(result, answer.uncertainty, one.stills, one.source, one._look)
         kept = sum((arrays_of(one.tried, answer) | dict.fromkeys(own, 0)).values())
-        assert kept <= 400e3 + (5 + 4 + 14) * result.distance.nbytes
+        assert kept <= 400e3 + (5 + 4) * result.distance.nbytes
 
     def check_length(self, result, knobs):
         far = result.distance
