@@ -34,10 +34,15 @@ def explained_contrast(result: Result) -> float:
     float
         1 where all but noise is explained; 0 or less where nothing is.
     """
-    problem = result.problem
-    residual = model_image(problem, result.iterate.log_distance) - problem.image
-    residual = np.where(contradicts(problem, residual), residual, np.nan)
-    return explained_share(problem, residual, noise_left(result)[0])
+    residual = residual_of(result.iterate)
+    return explained_share(result.problem, residual, noise_left(result)[0])
+
+
+def residual_of(iterate: Iterate) -> FloatArray:
+    """Model minus picture, (H, W), stored values; nan where the picture says nothing against the model."""
+    problem = iterate.problem
+    residual = model_image(problem, iterate.log_distance) - problem.image
+    return np.where(contradicts(problem, residual), residual, np.nan)
 
 
 def noise_left(result: Result | Iterate) -> tuple[float, float]:

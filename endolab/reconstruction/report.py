@@ -15,6 +15,7 @@ from endolab.reconstruction.contrast import ENOUGH_CONTRAST, explained_contrast,
 from endolab.reconstruction.lamps import BOUNDS
 from endolab.reconstruction.light_and_contours import BOUNCED, CONTOURS, SMOOTH
 from endolab.reconstruction.linearised import far_end_by_gamma
+from endolab.reconstruction.patches import find_patch
 from endolab.reconstruction.scale import pixel_name, scale_of
 from endolab.solvers.problem import LOWER_BOUND, NONE, Problem
 from endolab.solvers.provenance import ContourOutcome, LightOutcome, Report
@@ -436,11 +437,18 @@ def warnings(result: Result, turned: Set[str] = frozenset()) -> Iterator[str]:
             "Corners of the picture have one flat colour and no clear edge: if they surround what the "
             "endoscope shows, a mask must leave them out."
         )
+    scale = np.divide(result.report.picture_size or mask.shape[::-1], mask.shape[::-1])
+    patch = find_patch(result)
+    if patch is not None:
+        column, row = np.rint(scale * patch[:2]).astype(int)
+        kind = "brighter" if patch[2] > 1 else "darker"
+        yield (
+            f"A closed ring is left in the residual: about column {column}, row {row} all is "
+            f"{100 * abs(patch[2] - 1):.0f} % {kind}, as a stain or a painted polyp is, and may be flat."
+        )
     box = find_box(picture, mask)
     if box is not None:
-        width, height = result.report.picture_size or mask.shape[::-1]
-        scale = np.repeat([width / mask.shape[1], height / mask.shape[0]], 2)
-        left, right, top, bottom = np.rint(scale * box).astype(int)
+        left, right, top, bottom = np.rint(np.repeat(scale, 2) * box).astype(int)
         yield (
             f"Columns {left} to {right - 1}, rows {top} to {bottom - 1} have straight edges, as a menu or a "
             "second picture has: if they show no wall, leave them out with --mask."

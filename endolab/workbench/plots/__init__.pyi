@@ -5,7 +5,6 @@ from .calibration import show_brdf as show_brdf
 from .calibration import show_coverage as show_coverage
 from .calibration import show_detection as show_detection
 from .calibration import show_fall_off as show_fall_off
-from .calibration import show_fall_off_uncertainty as show_fall_off_uncertainty
 from .calibration import show_gains as show_gains
 from .calibration import show_light_residuals as show_light_residuals
 from .calibration import show_ray_uncertainty as show_ray_uncertainty
@@ -25,6 +24,5 @@ from .maps import show_map as show_map
 from .maps import show_normals as show_normals
 from .maps import show_picture as show_picture
 from .maps import show_section as show_section
-from .maps import show_sigma as show_sigma
 from .scales import limits as limits
 from .surface_view import show_cloud as show_cloud

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator
 from scipy.stats import norm
 
 from endolab.calibration.constants import LEAST_SCORED
@@ -117,8 +116,8 @@ def show_reprojection(geometry: GeometricFit, ax: AxesOrNew = None) -> Axes:
     """
     pixels, residuals, inliers = points_of(geometry)
     long = 0.02 * geometry.camera.width / max(geometry.sigma, 1e-6)
-    round_ones = np.array(LogLocator(subs=(1, 2, 5)).tick_values(long / 10, long))
-    longer = round_ones[round_ones <= long].max()
+    power = 10 ** np.floor(np.log10(long))
+    longer = power * np.floor(long / power)  # of one digit
     ax = _show_empty(ax, f"Reprojection, arrows × {longer:g}", geometry.camera)
     bad = pixels[~inliers]
     ax.plot(*bad.T, "x", ms=4, color=HOUSE.vermilion, label=count_of(len(bad), "outlier"))
@@ -197,21 +196,6 @@ def show_ray_uncertainty(
     seen = geometry.max_angle_seen
     known = ray_uncertainty(camera, geometry.covariance, max_angle=seen)
     return _show_sigma("σ of rays", known, camera, seen, ax, limit, title)
-
-
-@house()
-def show_fall_off_uncertainty(
-    light: PhotometricFit, camera: Camera, ax: AxesOrNew = None
-) -> Axes:
-    """Show how well the light along each ray is known, relative to that on the axis.
-
-    Parameters
-    ----------
-    light : PhotometricFit
-    camera : Camera
-    """
-    values = fall_off_uncertainty(light, camera)
-    return _show_sigma("σ of μ′", values, camera, light.alpha_range[1], ax)
 
 
 # Figures of the light ---------------------------------------------------------------------
@@ -442,5 +426,7 @@ def uncertainty_figure(session: Session) -> Figure:
         if geometry is not None:
             show_ray_uncertainty(geometry, axes[0])
         if light is not None:
-            show_fall_off_uncertainty(light, session.camera, axes[-1])
+            values = fall_off_uncertainty(light, session.camera)
+            seen = light.alpha_range[1]
+            _show_sigma("σ of μ′", values, session.camera, seen, axes[-1])
     return figure

@@ -158,17 +158,6 @@ def show_error(
 
 
 @house()
-def show_sigma(percent: FloatArray, ax: AxesOrNew = None) -> Axes:
-    """Show σ of the distance with a colour bar to its 98th percentile; dark is certain.
-
-    Parameters
-    ----------
-    percent : (H, W) float array, 100 σ/d; nan where unknown
-    """
-    return show_values("σ", percent, ax)
-
-
-@house()
 def show_dominant_source(
     dominant_source: np.ndarray,
     ax: AxesOrNew = None,
@@ -288,7 +277,7 @@ def overview(
         section.legend(loc="center left", bbox_to_anchor=(1, 0.5), handlelength=1)
         show_values("model - frame", residual, panels[1, 2])
         if uncertainty is not None:
-            show_sigma(100 * uncertainty.sigma / result.distance, panels[0, 3])
+            show_values("σ", 100 * uncertainty.sigma / result.distance, panels[0, 3])
             show_dominant_source(uncertainty.dominant_source, panels[1, 3])
         place: Any = {"va": "top", "ha": "center", "size": "large"}
         figure.text(0.5, 0.98, "  ·  ".join(words), **place)

@@ -8,7 +8,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from endolab.numerics.arrays import FloatArray
-from endolab.workbench.plots.scales import MAPS, three_digits
+from endolab.workbench.plots.scales import MAPS
 from endolab.workbench.recording.pictures import DIFFERENCES, ENDS, ROUNDS
 
 ITERATIONS = "iteration"  # a timeline
@@ -18,13 +18,11 @@ FROM_BEHIND = (-0.5, -0.35, -0.8)  # the camera, to its left and above it
 EYE = 2.0  # times half the surface's diagonal, from its middle: it then fills its panel
 
 
-def _title_of(name: str) -> str:
-    low, high = map(three_digits, ENDS[name])
-    return f"{MAPS[name].title}, {low} to {high} {MAPS[name].unit}"
-
-
 # Titles of maps and curves that may have been recorded, by entity.
-MAPS_SHOWN = {entity: _title_of(name) for entity, name in DIFFERENCES.items()}
+MAPS_SHOWN = {
+    entity: f"{MAPS[name].title}, {ENDS[name][0]:g} to {ENDS[name][1]:g} {MAPS[name].unit}"
+    for entity, name in DIFFERENCES.items()
+}
 MAPS_SHOWN |= {"normals": "Normals", "dominant_source": "What determined each pixel"}
 CURVES = {
     "log10/energy": "log₁₀ energy",

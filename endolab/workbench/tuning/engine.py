@@ -21,8 +21,8 @@ from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from enum import StrEnum
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 from skimage.measure import label
@@ -34,13 +34,13 @@ from endolab.reconstruction.contrast import (
     ENOUGH_CONTRAST,
     explained_share,
     noise_left,
+    residual_of,
 )
 from endolab.reconstruction.found import Found
 from endolab.reconstruction.lamps import Lamps, divide_by_lamps
 from endolab.reconstruction.pipeline import are_as_found, find, solve_found
 from endolab.reconstruction.scale import to_scale
 from endolab.reconstruction.uncertainty import Uncertainty
-from endolab.solvers.energy import contradicts, model_image
 from endolab.solvers.gauss_newton import Look
 from endolab.solvers.problem import Problem
 from endolab.solvers.result import SOLUTION, Iterate, Observer, Result
@@ -61,14 +61,6 @@ KEPT_FINDS = 2  # so many times light and contours are kept
 LAMP_STEP = 3  # rows and columns from one pixel that lamps are asked of to the next
 FOLLOWS = "gauss_newton"  # the solver whose looks follow a hand
 WITH_ENERGY = (FOLLOWS, "primal_dual")
-
-
-class AnswerKind(StrEnum):
-    """How an answer was found."""
-
-    LOOK = "look"  # on few pixels, from the last answer
-    ITERATE = "iterate"  # of a run that goes on, or of the last one
-    FINAL = "final"
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +106,9 @@ class Answer:
     """What the tuner found for one position of the knobs."""
 
     settings: Knobs
-    kind: AnswerKind
+    kind: Literal[
+        "look", "iterate", "final"
+    ]  # an iterate is of a run that goes on, or of the last one
     still: Still
     result: Result
     path: Sequence[Iterate] = ()  # iterates of the run, some of many
@@ -123,10 +117,8 @@ class Answer:
 
     @cached_property
     def residual(self) -> FloatArray:
-        """Model minus frame, (H, W), grey levels of 255; nan where the picture says nothing against it."""
-        problem = self.result.problem
-        residual = model_image(problem, self.result.iterate.log_distance) - problem.image
-        return np.where(contradicts(problem, residual), 255 * residual, np.nan)
+        """See `residual_of`; grey levels of 255."""
+        return 255 * residual_of(self.result.iterate)
 
     @cached_property
     def explained(self) -> float:
@@ -147,7 +139,7 @@ class Answer:
     @property
     def is_final(self) -> bool:
         """Whether its solver has come to its end."""
-        return self.kind is AnswerKind.FINAL
+        return self.kind == "final"
 
     @property
     def is_anew(self) -> bool:
@@ -166,17 +158,12 @@ class Answer:
         return 0 if cuts is None else int(label(cuts.any(axis=0), connectivity=2).max())
 
     def leave_screen(self) -> None:
-        """Forget all that is made again when it is shown, and the run."""
+        """Forget all that is made again when it is shown, its camera's rays as well, and the run."""
         for stays in ("explained", "errors"):
             getattr(self, stays)
         iterate = self.result.iterate
-        problem = iterate.problem
-        found = self.still.found
-        assert found is not None
-        camera = found.problem.camera  # rays are kept of this one alone
-        if camera != problem.camera:
-            camera = replace(problem.camera)
-        iterate = replace(iterate, problem=replace(problem, camera=camera))
+        camera = replace(iterate.problem.camera)
+        iterate = replace(iterate, problem=replace(iterate.problem, camera=camera))
         self.result = replace(self.result, iterate=iterate)
         self.path = ()
         vars(self).pop("residual", None)
@@ -204,10 +191,7 @@ def shown_as(iterate: Iterate, knobs: Knobs) -> Result:
 def solve(
     wish: Knobs, subject: Subject, found: Found, observers: Iterable[Observer] = ()
 ) -> tuple[Result, Sequence[Iterate]]:
-    """Solve with what was found, here and now; return some of the iterates, too.
-
-    Stopped, if an observer wants no answer any more.
-    """
+    """Solve with what was found, here and now; return some of the iterates, too."""
     steps = Path()
     result = solve_found(
         found,
@@ -215,31 +199,7 @@ def solve(
         observers=[steps.add, *observers],
         **wish.solving_settings(subject).keywords,
     )
-    if result.status is Status.STOPPED:
-        raise Stopped
     return result, steps.iterates
-
-
-def solve_anew(
-    wish: Knobs,
-    subject: Subject,
-    watch: Callable[[Iterate], bool] = lambda iterate: False,
-) -> Answer:
-    """Find light and contours by a wish's knobs, and solve with them, here and now.
-
-    Stopped, if `watch` wants no answer any more.
-    """
-
-    def stop_or_show(iterate: Iterate) -> None:
-        if watch(iterate):
-            raise Stopped
-
-    settings = wish.solving_settings(subject).settings
-    steps = find(subject.frame, wish.calibration_of(subject), settings)
-    found = finish(steps, stop_or_show)
-    result, path = solve(wish, subject, found, [watch])
-    still = Still.of(wish, subject, result.iterate, found)
-    return Answer(wish, AnswerKind.FINAL, still, result, path)
 
 
 class Engine:
@@ -267,8 +227,7 @@ class Engine:
         self.tried: list[Answer] = []  # with these, likewise
         self.shown: Answer | None = None  # the last one
         self.settled: Answer | None = None  # the last one that was final
-        self._still: Still | None = None  # of the last wish
-        self._look: Look | None = None  # at its surfaces
+        self._look: Look | None = None  # at surfaces of the last of `stills`
         self._wish = Knobs()  # the newest
         self._base: Knobs | None = None  # by which its light and contours are to be found
         self._asked = self._state = (
@@ -352,7 +311,7 @@ class Engine:
             return known
         assert still.found is not None
         result, path = solve(wish, still.subject, still.found, observers)
-        return Answer(wish, AnswerKind.FINAL, still, result, path)
+        return Answer(wish, "final", still, result, path)
 
     # In the engine's thread --------------------------------------------------------------
 
@@ -369,9 +328,6 @@ class Engine:
         still = None
         try:
             still = self._find(base)
-            if still is not self._still:
-                self._still = still
-                self._look = None
             answer = self.recall(wish, still) or self._follow(wish, still)
         except Stopped:
             raise
@@ -410,15 +366,21 @@ class Engine:
             subject = self.source.subject(knobs)
             show = self._show_long(knobs, subject)
 
-            def watch(iterate: Iterate) -> bool:
+            def watch(iterate: Iterate) -> None:
                 show(iterate)
-                return knobs != self._base
+                if knobs != self._base:
+                    raise Stopped
 
-            answer = solve_anew(knobs, subject, watch)
-            still = answer.still
+            settings = knobs.solving_settings(subject).settings
+            steps = find(subject.frame, knobs.calibration_of(subject), settings)
+            found = finish(steps, watch)
+            result, path = solve(knobs, subject, found, [watch])
+            still = Still.of(knobs, subject, result.iterate, found)
             if knobs not in self.finds:
                 self.finds.append(knobs)
-            self.tried.append(answer)
+            self.tried.append(Answer(knobs, "final", still, result, path))
+        if still not in self.stills[-1:]:
+            self._look = None
         self.stills = [*(one for one in self.stills if one is not still), still]
         self.stills = self.stills[-KEPT_FINDS:]
         self.tried = [one for one in self.tried if one.still in self.stills]
@@ -455,35 +417,37 @@ class Engine:
             with limit_threads(1):
                 surface = near.result.iterate
                 look = self._look.follow(problem_of(wish, still, surface))
-            self._show(Answer(wish, AnswerKind.LOOK, still, shown_as(look, wish)))
+            self._show(Answer(wish, "look", still, shown_as(look, wish)))
             if not self._rests():
                 raise Stopped
-        return self.solve(wish, still, [self._show_long(wish, still.subject, still)])
+        show = self._show_long(wish, still.subject, still)
+        return self.solve(wish, still, [show, self._stop_if_stale])
+
+    def _stop_if_stale(self, iterate: Iterate) -> None:
+        """End a run that nobody waits for any more; an observer."""
+        if self.is_stale():
+            raise Stopped
 
     def _show_long(
         self, wish: Knobs, subject: Subject, still: Still | None = None
     ) -> Observer:
-        """Show iterates of a solver that has no looks, and all of a frame's first run.
-
-        Stops when a newer wish came.
-        """
+        """Show iterates of a solver that has no looks, and all of a frame's first run."""
         before = self.settled
         is_first = before is None or before.still.subject is not subject
         pause = FIRST_SIGHTS if still is None else BETWEEN
         last_shown = 0.0
 
-        def watch(iterate: Iterate) -> bool:
+        def show(iterate: Iterate) -> None:
             nonlocal last_shown
             follows = wish.solver != FOLLOWS and iterate.stage == SOLUTION
             is_due = time.perf_counter() - last_shown > pause
             if is_due and (is_first or follows):
                 of = still or Still.of(wish, subject, iterate)
                 sight = shown_as(iterate, wish)
-                self._show(Answer(wish, AnswerKind.ITERATE, of, sight))
+                self._show(Answer(wish, "iterate", of, sight))
                 last_shown = time.perf_counter()
-            return self.is_stale()
 
-        return watch
+        return show
 
     def _rests(self) -> bool:
         """Wait until the hand rests; return whether it does."""
@@ -492,16 +456,12 @@ class Engine:
     def _try_others(self, answer: Answer) -> None:
         """Solve for other λ, and on to both sides until 99 % is crossed. Stopped by a newer wish."""
         wish = answer.settings
-
-        def stop(iterate: Iterate) -> bool:
-            return self.is_stale()
-
         curve = {one.settings.lam: one for one in self.curve_of(answer)}
         wanted = [wish.lam * factor for factor in LAM_FACTORS]
         while wanted := [lam for lam in wanted if LAMS[0] <= lam <= LAMS[1]]:
             for lam in (float(f"{lam:.2g}") for lam in wanted):
                 other = curve[lam] = self.solve(
-                    replace(wish, lam=lam), answer.still, [stop]
+                    replace(wish, lam=lam), answer.still, [self._stop_if_stale]
                 )
                 if other not in self.tried:
                     self._keep(answer, other)

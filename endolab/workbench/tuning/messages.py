@@ -39,20 +39,15 @@ def message_of(
     answer: Answer, names: Iterable[str], engine: Engine, change: str = ""
 ) -> tuple[dict[str, Any], dict[str, NDArray]]:
     """What is said of an answer and of some of its maps, and these; `change` by asking anew."""
-    order = answer.result.problem.regulariser
-    name = answer.settings.solver.replace("_", " ")
-    if answer.uses_lam:
-        name = f"λ {answer.settings.lam:.3g}, {order}"
-    worth = "on the way"
-    if answer.is_final:
-        worth = f"{100 * max(answer.explained, 0):.1f} % explained"
     line = describe(answer.result, answer.explained, answer.kind, answer.errors)
+    first = int(answer.uses_lam)  # which tells more than its solver's name
+    label = " · ".join(line.split(" · ")[first : first + 3])
     if answer.is_final and answer.is_anew and change:
         line = f"{change} · {line}"
     several = engine.curve_of(answer)
     maps = {name: map_of(name, answer, several) for name in names}
     message = {
-        "label": f"{name}, {worth}",
+        "label": label,
         "badge": "" if answer.is_anew else "held",
         "nominal": NOMINAL if "camera" in answer.result.report.nominal else "",
         "state": answer.state,

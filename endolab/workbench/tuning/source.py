@@ -17,7 +17,6 @@ from endolab.io.images import read_frame
 from endolab.io.settings import SolvingSettings
 from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import FloatArray
-from endolab.numerics.checks import unknown_name
 from endolab.reconstruction.settings import LENGTHS, Settings
 from endolab.synthetic.rendering import render
 from endolab.synthetic.scenes import SCENES
@@ -168,7 +167,19 @@ class Source:
             raise ValueError("there is no frame to look at: choose a scene")
         else:
             subject = self._open(scene) if scene else self._given
-        return _leave_out(subject, left_out) if left_out else subject
+        if not left_out:
+            return subject
+        frame = subject.frame
+        mask = frame.pixels_to_use().copy()
+        row, column = np.ogrid[: frame.height, : frame.width]
+        x, y = (column + 0.5) / frame.width, (row + 0.5) / frame.height
+        for left, top, right, bottom in left_out:
+            mask &= (x < left) | (x > right) | (y < top) | (y > bottom)
+        if not mask.any():
+            raise ValueError(
+                "the rectangles leave nothing of the frame; press U to undo the last"
+            )
+        return replace(subject, frame=replace(frame, mask=mask))
 
     def _open(self, number: int) -> Subject:
         path = self.pictures[number]
@@ -182,8 +193,6 @@ class Source:
         return Subject(frame, known, path=path)
 
     def _render(self, scene: str, width: int, noise: float) -> Subject:
-        if scene not in SCENES:
-            raise unknown_name("scene", scene, SCENES)
         whole = self.calibration.camera
         height = max(1, round(whole.height * width / whole.width))
         camera = whole.resize(width, height)
@@ -192,18 +201,3 @@ class Source:
         shown = render(SCENES[scene], camera, light, noise=noise, bits=16)
         known = replace(self.calibration, camera=camera, photometry=shown.photometry)
         return Subject(Frame(shown.image, shown.mask, scene), known, shown.distance)
-
-
-def _leave_out(subject: Subject, rectangles: Sequence[Sequence[float]]) -> Subject:
-    """Leave rectangles out of what a subject's frame shows."""
-    frame = subject.frame
-    mask = frame.pixels_to_use().copy()
-    row, column = np.ogrid[: frame.height, : frame.width]
-    x, y = (column + 0.5) / frame.width, (row + 0.5) / frame.height
-    for left, top, right, bottom in rectangles:
-        mask &= (x < left) | (x > right) | (y < top) | (y > bottom)
-    if not mask.any():
-        raise ValueError(
-            "the rectangles leave nothing of the frame; press U to undo the last"
-        )
-    return replace(subject, frame=replace(frame, mask=mask))

@@ -35,7 +35,6 @@ from endolab.workbench.plots.scales import MAPS, palette
 from endolab.workbench.tuning.engine import (
     WITH_ENERGY,
     Answer,
-    AnswerKind,
     Engine,
     shown_as,
 )
@@ -236,9 +235,7 @@ class TunerBox(anywidget.AnyWidget):
         shown = answer
         if place < len(answer.path):
             passed = shown_as(answer.path[place - 1], answer.settings)
-            shown = replace(
-                answer, kind=AnswerKind.ITERATE, result=passed, uncertainty=None
-            )
+            shown = replace(answer, kind="iterate", result=passed, uncertainty=None)
         self._post(*message_of(shown, self._maps, self.engine, self._change[0]))
 
     def open_page(self) -> None:

@@ -121,6 +121,18 @@ test("what comes of an older wish is dropped, and Python does not wait for it", 
   assert.deepEqual(asked("painted"), [[]]);
 });
 
+test("a map belongs to its answer, and σ is found of the one that is shown", () => {
+  say({ maps: { ...MAPS, "σ": { title: "" } } }, { "σ": [1] });
+  store.find_sigma();
+  assert.deepEqual(asked("sigma"), [[0]]);
+  turn({ lam: 5 });
+  assert.ok(!("σ" in store.now.arrays));
+  let was_heard = false;
+  store.on("said", () => { was_heard = true; });
+  say({ sigma: { done: 1, of: 8 }, state: 0 });
+  assert.ok(!was_heard);
+});
+
 test("the next frame is a frame, and a scene no frame", () => {
   store.step(-1);
   assert.deepEqual(asked("turn"), []);
