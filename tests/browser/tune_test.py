@@ -1,6 +1,5 @@
 """The tuner as an app: a first picture, from frame to frame, reloaded, left, interrupted; nothing stays."""
 
-import os
 import re
 import signal
 import subprocess
@@ -13,6 +12,7 @@ import pytest
 
 from endolab.cli import main as cli
 from endolab.io.images import read_image, write_image
+from endolab.io.surfaces import read_depth
 from tests.browser.conftest import (
     FINAL,
     KNOWN,
@@ -35,7 +35,7 @@ COUNT = """() => {
 }"""
 # Pairs of visible parts, none inside the other, that overlap by more than two pixels.
 OVERLAPS = """() => {
-    const names = '.endolab-tuner button, .endolab-knob, .endolab-status, .endolab-cell, .endolab-chip';
+    const names = '.endolab-tuner button, .endolab-knob, .endolab-status, .endolab-cell';
     const parts = [...document.querySelectorAll(names)]
         .filter((one) => one.offsetParent && !one.closest('.endolab-3d'));
     const boxes = parts.map((one) => one.getBoundingClientRect());
@@ -45,6 +45,15 @@ OVERLAPS = """() => {
             && Math.min(a.right, b.right) - Math.max(a.left, b.left) > 2
             && Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top) > 2)
         .map(([one, other]) => `${one.className || one.innerText} / ${other.className || other.innerText}`);
+}"""
+# Keeps the first answer that it is asked about; whether that is on the screen, in the same colours.
+IS_FIRST = """() => {
+    const { arrays, asked, held } = document.querySelector('.endolab-tuner').endolab;
+    const { distance, cuts } = arrays, colours = held.distance;
+    window.first ??= { distance, cuts, colours };
+    const same = (one, other) => one.every((value, i) => Object.is(value, other[i]));
+    return asked.lam === 1 && same(distance, first.distance) && same(cuts, first.cuts)
+        && same(colours, first.colours);
 }"""
 FRAMES = '.endolab-knob:has-text("frame or scene") select'
 END = 30  # s until all must have ended, on a machine with much to do; 3 s pass after the last page
@@ -70,15 +79,14 @@ def start(frames, compiled):
     started = []
 
     def start(what, *options):
-        command = [sys.executable, "-m", "endolab", "tune", what]
+        command = [sys.executable, "-m", "endolab", "tune", str(frames / what)]
         command += ["--no-browser", f"--port={a_free_port()}", "--width=160", *options]
         if "--calibration" not in options:
-            command += ["--calibration", "sim/endoscope.json"]
+            command += ["--calibration", str(frames / "sim/endoscope.json")]
         how = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
         # In the background ignored.
         how["preexec_fn"] = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
-        how["env"] = os.environ | {"PYTHONPATH": str(ROOT)}
-        started.append(subprocess.Popen(command, cwd=frames, **how))
+        started.append(subprocess.Popen(command, cwd=ROOT, **how))
         line = started[-1].stdout.readline()
         return started[-1], re.search(r"http://127\.0\.0\.1:\d+/\w{48}/", line)[0]
 
@@ -167,11 +175,6 @@ def test_one_cursor_reads_all_maps_and_a_click_lays_the_section_and_a_is_compare
 ):
     _, link = start("sim/frame.png")
     page = visit(link)
-    film = page.locator(".endolab-film")
-    film.get_by_role("button", name="▶").click()
-    film.get_by_role("button", name="||").wait_for()
-    film.get_by_role("button", name="▶").wait_for()  # it was played once, to the answer
-    assert "falls" not in film.locator("span").inner_text()
     box = page.locator(".endolab-body").nth(1).bounding_box()
     x, y = box["x"] + 0.3 * box["width"], box["y"] + 0.5 * box["height"]
     page.mouse.move(x, y)
@@ -192,15 +195,8 @@ def test_one_cursor_reads_all_maps_and_a_click_lays_the_section_and_a_is_compare
     page.wait_for_function(f"() => {KNOWN}.asked.lam === 1")
     page.get_by_label("preset").select_option("fastest")
     page.wait_for_function(f"() => {KNOWN}.asked.solver === 'fast_marching'")
-    lam = page.locator(".endolab-lam")
-    assert lam.locator("input").first.is_disabled()
-    assert "no energy" in lam.get_attribute("title")
     page.keyboard.press("r")
     page.wait_for_function(f"() => {KNOWN}.asked.solver === 'gauss_newton'")
-    assert lam.locator("input").first.is_enabled()
-    page.get_by_label("panel").nth(2).select_option("σ")
-    page.locator(".endolab-fill:visible").click()
-    page.wait_for_function(f"() => {KNOWN}.arrays['σ']")
     page.get_by_label("panel").nth(2).select_option("contours")
     page.wait_for_function(f"() => {KNOWN}.arrays.contours")
     page.keyboard.press("?")
@@ -210,22 +206,41 @@ def test_one_cursor_reads_all_maps_and_a_click_lays_the_section_and_a_is_compare
     assert page.complaints == []
 
 
-def test_a_lamp_is_moved_by_hand_where_distances_are_mm(start, visit):
-    for calibration, is_known in (("sim/endoscope.json", True), ("simple", False)):
-        _, link = start("sim/frame.png", "--calibration", calibration)
-        page = visit(link)
-        x, y, gain = (
-            page.locator(f".endolab-{name} input").first
-            for name in ("lamp_x", "lamp_y", "gain")
-        )
-        assert not x.is_visible()
-        page.get_by_role("button", name="more ...").click()
-        assert y.is_visible()
-        assert [one.is_enabled() for one in (x, y, gain)] == [is_known] * 3
-        if is_known:
-            x.fill("4")
-            x.press("Enter")
-            page.wait_for_function(f"() => ({FINAL})() && {KNOWN}.asked.lamp_x === 4")
+def test_a_lamp_is_moved_by_hand_where_distances_are_mm(start, visit, frames, tmp_path):
+    options = ["--calibration", "simple", "--width", "160", "--out"]
+    assert (
+        cli.main(["simulate", "tube", "--lamp", "4,0", *options, f"{frames}/lit"]) == 0
+    )
+    _, link = start("lit/frame.png")
+    page = visit(link)
+    far = f"() => {KNOWN}.arrays.distance.map((one) => Number.isFinite(one) ? one : 0)"
+    assert page.evaluate(IS_FIRST)
+    first = np.array(page.evaluate(far))
+    x, y = (page.locator(f".endolab-lamp_{axis} input").first for axis in "xy")
+    assert not x.is_visible()
+    page.get_by_role("button", name="more ...").click()
+    assert y.is_visible()
+    assert y.is_enabled()
+    x.fill("4")
+    x.press("Enter")
+    page.wait_for_function(f"() => ({FINAL})() && {KNOWN}.asked.lamp_x === 4")
+    followed = np.array(page.evaluate(far))
+    out = tmp_path / "out"
+    command = f"reconstruct {frames}/lit/frame.png --calibration {frames}/sim/endoscope.json --lamp 4,0"
+    assert cli.main([*command.split(), "--out", str(out)]) == 0
+    wanted = np.nan_to_num(read_depth(out / "depth.npz")["distance"]).ravel()
+    assert "(4, 0, 0)" in (out / "report.json").read_text()
+    left = np.abs(followed - wanted).mean()  # as contours stay
+    assert left < 0.5 * np.abs(first - wanted).mean()
+    page.keyboard.press("Enter")
+    page.wait_for_function(f"() => {SAID}.includes('asked anew')")
+    assert np.array_equal(page.evaluate(far), wanted)
+    page.keyboard.press("r")
+    page.wait_for_function(IS_FIRST)
+    _, link = start("lit/frame.png", "--calibration", "simple")  # of unknown gain
+    page = visit(link)
+    page.get_by_role("button", name="more ...").click()
+    assert page.locator(".endolab-lamp_x input").first.is_disabled()
 
 
 def test_from_frame_to_frame_by_key_and_list_and_typed_letters_are_no_keys(
@@ -243,9 +258,6 @@ def test_from_frame_to_frame_by_key_and_list_and_typed_letters_are_no_keys(
     smooth.click()
     page.keyboard.press("a")
     assert smooth.input_value() == "a"
-    smooth.press("Enter")
-    assert "no number" in page.evaluate(SAID)
-    assert smooth.input_value() == ""
     assert page.complaints == []
     process.send_signal(signal.SIGINT)
     assert ended(process) == (0, "ended")

@@ -202,6 +202,18 @@ def solve(
     return result, steps.iterates
 
 
+def solve_anew(
+    wish: Knobs, subject: Subject, watch: Observer = lambda iterate: None
+) -> Answer:
+    """Find light and contours by a wish's knobs, and solve with them, here and now."""
+    settings = wish.solving_settings(subject).settings
+    steps = find(subject.frame, wish.calibration_of(subject), settings)
+    found = finish(steps, watch)
+    result, path = solve(wish, subject, found, [watch])
+    still = Still.of(wish, subject, result.iterate, found)
+    return Answer(wish, "final", still, result, path)
+
+
 class Engine:
     """Answers the newest wish in a thread of its own.
 
@@ -371,14 +383,11 @@ class Engine:
                 if knobs != self._base:
                     raise Stopped
 
-            settings = knobs.solving_settings(subject).settings
-            steps = find(subject.frame, knobs.calibration_of(subject), settings)
-            found = finish(steps, watch)
-            result, path = solve(knobs, subject, found, [watch])
-            still = Still.of(knobs, subject, result.iterate, found)
+            answer = solve_anew(knobs, subject, watch)
+            still = answer.still
             if knobs not in self.finds:
                 self.finds.append(knobs)
-            self.tried.append(Answer(knobs, "final", still, result, path))
+            self.tried.append(answer)
         if still not in self.stills[-1:]:
             self._look = None
         self.stills = [*(one for one in self.stills if one is not still), still]

@@ -20,7 +20,7 @@ export function section(map, { rays, cuts, width, height }, is_row, index) {
   return { x, y };
 }
 
-const brief = ({ label }) => label.split(", ").slice(0, -1).join(", ");
+const brief = ({ label }) => label.split(" · ").slice(0, 2).join(" · ");
 
 /** Draws it: the result, A and the truth, in limits that are held as scales are. */
 export function draw_section(store, panel, colours) {
