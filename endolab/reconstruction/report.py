@@ -273,7 +273,8 @@ def _of_evidence(problem: Problem) -> Iterator[str]:
 
 def what_is_left(result: Result) -> str:
     """Say how far a result is from its energy's minimum."""
-    return f"one step of Gauss-Newton would lower its energy by {100 * result.left:.0f} %"
+    share = f"{100 * result.left:.0f} %" if result.left >= 0.01 else "less than 1 %"
+    return f"one step of Gauss-Newton would lower its energy by {share}"
 
 
 def summary(result: Result, sigma: FloatArray | None = None) -> Iterator[str]:

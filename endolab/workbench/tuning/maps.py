@@ -105,6 +105,8 @@ def map_of(
     if not answer.is_final:
         return {"empty": "once the hand rests"}, None
     if name == "spread over λ":
+        if len(several) < 2:
+            return {"empty": "once another λ is solved"}, None
         logs = np.stack([one.result.iterate.log_distance for one in several])
         spread = 100 * np.expm1(logs.max(axis=0) - logs.min(axis=0))
         return {"title": f"[%], {len(several)} λ"}, spread

@@ -328,6 +328,8 @@ class TunerBox(anywidget.AnyWidget):
         answer = self.answer
         if answer is None or not answer.is_final:
             return
+        if "spread over λ" in self._maps:  # a map of all of them
+            self._send_answer(answer)
         curve = curve_of(answer, self.engine.curve_of(answer))
         chips = chips_of(answer, curve.get("best"), self._change[1], self._turned)
         self.send({"curve": curve, "chips": chips, "state": answer.state})
