@@ -83,10 +83,7 @@ def cases_of(wanted):
     folder = datasets.data_folder() or Path("nowhere")
     if wanted == "scenes":
         known = datasets.load_calibration("simple")
-        for name in el.SCENES:
-            shot = Shot(name, known)
-            truth = shot.truth.distance, shot.truth.normals
-            yield Case(name, shot.frame, shot.calibration, *truth)
+        yield from (drawn(name, name, known) for name in el.SCENES)
     elif wanted == "traced":
         yield from map(_traced, map(el.load_traced, datasets.TRACED))
     elif wanted in random_frames.SETS:
@@ -95,6 +92,13 @@ def cases_of(wanted):
         yield from _published(wanted, folder)
     else:
         yield from map(_described, sorted((folder / wanted).glob("*.json")))
+
+
+def drawn(name, *what, **how):
+    """A frame that is rendered as a `Shot` is."""
+    shot = Shot(*what, **how)
+    truth = shot.truth.distance, shot.truth.normals
+    return Case(name, shot.frame, shot.calibration, *truth)
 
 
 def _traced(sample):

@@ -1,6 +1,6 @@
 """Whether the λ that the explained contrast suggests is a good one: a table in Markdown.
 
-    python -m tests.benchmarks.lam [WIDTH] [SET]...
+    python -m tests.benchmarks.lam [SET]...
 
 Five λ are solved as the tuner does, with the light and the contours of the first, at 320 px at most; the rule
 takes the largest that explains 99 %, or 1 if none does. Beside its error stand those of a solve anew there,
@@ -35,9 +35,9 @@ def row_of(case):
     return [advised is None, suggested, *scores, LAMS[best]]
 
 
-def mean_of(name, width):
+def mean_of(name):
     """Means over the frames of a set, of λ geometric ones."""
-    rows = [row_of(case.resize(width)) for case in cases_of(name)]
+    rows = [row_of(case.resize(320)) for case in cases_of(name)]
     if not rows:
         return [name, *"–––––––"]
     none, suggested, *errors, best = np.transpose(rows)
@@ -47,7 +47,5 @@ def mean_of(name, width):
 
 
 if __name__ == "__main__":
-    names = sys.argv[1:]
-    width = int(names.pop(0)) if "".join(names[:1]).isdigit() else 320
-    rows = [mean_of(name, width) for name in names or SETS]
+    rows = [mean_of(name) for name in sys.argv[1:] or SETS]
     table("λ by the explained contrast", HEADS, rows)

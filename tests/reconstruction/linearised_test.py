@@ -1,11 +1,10 @@
 """The linear answer of a surface, against solving again."""
 
-from dataclasses import replace
-
 import numpy as np
 
 import endolab as el
 from endolab.reconstruction.linearised import far_end_by_gamma
+from tests.tools.problems import relit
 
 
 def test_what_gamma_does_to_the_far_end_is_what_solving_again_finds():
@@ -13,8 +12,8 @@ def test_what_gamma_does_to_the_far_end_is_what_solving_again_finds():
     options = {"width": 160, "channel": "green", "contours": False}
     known = sample.calibration
     before = el.reconstruct(sample.frame, known, **options)
-    light = replace(known.photometry, gamma=known.photometry.gamma + 0.05)
-    after = el.reconstruct(sample.frame, replace(known, photometry=light), **options)
+    other = relit(known, gamma=known.photometry.gamma + 0.05)
+    after = el.reconstruct(sample.frame, other, **options)
     moved = np.log(after.distance / before.distance)[before.mask]
     far = before.distance[before.mask] >= np.percentile(
         before.distance[before.mask], 95

@@ -196,16 +196,12 @@ def test_the_matrix_is_the_slopes_derivative_where_nothing_else_bends(
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        ("lam", np.nan),
         ("lam", -1.0),
         ("lam", "auto"),
-        ("epsilon", 0.0),
-        ("threshold", np.inf),
         ("xi", "z"),
         ("regulariser", "third"),
         ("image", np.zeros((9, 7))),
         ("mask", np.ones((7, 8), bool)),
-        ("cuts", np.ones((7, 9), bool)),
         ("evidence", np.zeros((7, 9))),
         ("evidence", np.full((7, 9), 3, np.int8)),
     ],

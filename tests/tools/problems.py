@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 import endolab as el
-from endolab import datasets
 from endolab.metrics.depth_errors import compare
 from endolab.solvers.problem import Problem
 from endolab.synthetic.scenes import Colon, Tube
@@ -42,7 +41,7 @@ def problem_of(
     The camera is one of the library's at this width, or any; the gain in units of what fills the range.
     """
     if isinstance(camera, str):
-        camera = datasets.load_calibration(camera, width).camera
+        camera = el.load_calibration(camera, width).camera
     how = {"noise": noise, "bits": bits}
     seen = el.render(
         el.SCENES[scene], camera, el.Photometry(brdf=brdf or el.Lambertian(0.5)), **how
@@ -87,8 +86,9 @@ def errors_of(result, seen, **options):
 
 
 def percent_off(found, seen, where=None):
-    """Mean error of a result's distances, or of a map of them, %: where they are known, or where said."""
-    off = 100 * np.abs(getattr(found, "distance", found) / seen.distance - 1)
+    """Mean error of distances, of a result or in a map, %: where they are known, or where said."""
+    found, true = (getattr(one, "distance", one) for one in (found, seen))
+    off = 100 * np.abs(found / true - 1)
     return np.mean(off[np.isfinite(off) if where is None else where])
 
 
