@@ -1,4 +1,4 @@
-"""What every test can ask for: a random generator, the published frames, Open3D, Mitsuba."""
+"""What every test can ask for: a random generator, the published frames, Open3D."""
 
 import os
 import signal
@@ -79,20 +79,6 @@ def data() -> Path:
     if folder is None:
         pytest.skip("the published frames are not here; ENDOLAB_DATA can name a folder")
     return folder
-
-
-@pytest.fixture(scope="session")
-def trace() -> object:
-    """Give the path tracer; it needs Mitsuba, an optional extra, and LLVM."""
-    pytest.importorskip(
-        "mitsuba",
-        reason='Mitsuba is not installed: python -m pip install "mitsuba>=3.9"',
-    )
-    try:
-        from tests.research import path_tracing
-    except OSError as error:
-        pytest.skip(str(error))
-    return path_tracing.trace
 
 
 @pytest.fixture(scope="session")

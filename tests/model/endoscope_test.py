@@ -54,7 +54,7 @@ def test_the_example_loads(tmp_path):
 
 
 @pytest.mark.parametrize("camera", CAMERAS, ids=lambda camera: camera.model)
-@pytest.mark.parametrize("brdf", BRDFS.values(), ids=BRDFS.keys())
+@pytest.mark.parametrize("brdf", BRDFS.values(), ids=BRDFS)
 def test_what_is_saved_loads_unchanged(tmp_path, camera, brdf):
     for lights, gain in (((), None), (SPOTS, 1234.5678901234567)):
         evidence = {"from": "é", "sd": [1.5, {"k": 0.1}]} if lights else {}

@@ -21,7 +21,7 @@ THREE_LIGHTS = (
     SpotLight((-3.0, 2.0, 0.0), (0.0, -0.2, 1.0), 0.8, 0.3),
     SpotLight((0.5, -4.0, 0.3), (0.0, 0.1, 1.0), 2.0, 0.4),
 )
-every_brdf = pytest.mark.parametrize("brdf", BRDFS.values(), ids=BRDFS.keys())
+every_brdf = pytest.mark.parametrize("brdf", BRDFS.values(), ids=BRDFS)
 
 
 def surface(rng, count=60, max_slant=70.0):

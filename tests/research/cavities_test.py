@@ -37,7 +37,7 @@ def test_known_distances():
     ) == pytest.approx(60.0)
 
 
-@pytest.mark.parametrize("cavity", CAVITIES.values(), ids=CAVITIES.keys())
+@pytest.mark.parametrize("cavity", CAVITIES.values(), ids=CAVITIES)
 def test_rays_and_mesh_end_at_the_wall_and_normals_are_those_of_its_triangles(cavity):
     rays = PINHOLE.field.rays.reshape(-1, 3)
     far = cavity.distance(rays)

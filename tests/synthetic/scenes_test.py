@@ -21,7 +21,7 @@ SHAPES = [
     Bump(60.0, 25.0, 9.0),
     Bump(60.0, -30.0, 8.0),
 ]
-every_camera = pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS.keys())
+every_camera = pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS)
 every_shape = pytest.mark.parametrize("scene", SHAPES, ids=repr)
 
 
