@@ -12,12 +12,11 @@ import psutil
 import pytest
 
 import endolab as el
-from endolab import datasets
 from endolab.batch.sweep import SWEEP_COLUMNS, sweep
 from endolab.workbench.recording.layouts import LAMBDAS
 from tests.tools.recorded import Recorded
 
-BASE = datasets.load_calibration("simple", 64)
+BASE = el.load_calibration("simple", 64)
 GREEN = replace(BASE.photometry.channel("green"), gain=900.0)
 CALIBRATION = el.Calibration(BASE.camera, GREEN)
 PATIENCE = 120  # seconds after which a test gives up

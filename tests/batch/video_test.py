@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import endolab as el
-from endolab import datasets
 from endolab.batch.video import reconstruct_video
 from endolab.io.images import write_image
 from endolab.io.video import write_video
@@ -17,7 +16,7 @@ from tests.tools.problems import moved_tube
 from tests.tools.recorded import Recorded
 
 COUNT = 5
-BASE = datasets.load_calibration("simple", 96)
+BASE = el.load_calibration("simple", 96)
 UNKNOWN = el.Calibration(
     BASE.camera, replace(BASE.photometry.channel("green"), gain=None)
 )

@@ -11,7 +11,7 @@ import sys
 
 import numpy as np
 
-from endolab.reconstruction.contrast import explained_contrast, suggest_lam
+import endolab as el
 from tests.benchmarks.frames import cases_of, table
 
 LAMS = (0.1, 0.32, 1.0, 3.2, 10.0)
@@ -24,7 +24,9 @@ def row_of(case):
     """Whether none is suggested, suggested λ, its errors, that of 1, the least of the five, and its λ."""
     first = case.solve()
     results = [first if lam == 1 else case.solve(lam=lam, start=first) for lam in LAMS]
-    advised, _ = suggest_lam(LAMS, [explained_contrast(result) for result in results])
+    advised, _ = el.suggest_lam(
+        LAMS, [el.explained_contrast(result) for result in results]
+    )
     suggested = advised or 1.0  # as the guide advises
     errors = [case.errors_of(result).mean_percent for result in results]
     best = int(np.argmin(errors))

@@ -20,7 +20,6 @@ from endolab.io.descriptions import read_target
 from endolab.io.images import read_image, read_mask
 from endolab.io.settings import read_settings
 from endolab.io.surfaces import read_depth
-from endolab.io.video import open_frames
 from tests.hostile.conftest import CALIBRATIONS, EXAMPLES, run, sentences
 from tests.hostile.damage import damaged_arrays, damaged_bytes, damaged_json
 
@@ -28,8 +27,8 @@ MOST_MEMORY = 600  # MB that reading a small file may take
 READERS = {
     "mask.png": read_mask,
     "0042_depth.png": true_z,
-    "video.mkv": lambda path: list(open_frames(path)),
-    "video.avi": lambda path: list(open_frames(path)),
+    "video.mkv": lambda path: list(el.open_frames(path)),
+    "video.avi": lambda path: list(el.open_frames(path)),
     "depth.npz": read_depth,
     "other.npz": read_depth_map,
     "other.npy": read_depth_map,

@@ -10,18 +10,17 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from endolab.io.datasets import load_calibration
-from endolab.model.cameras import BrownConrady, KannalaBrandt, Pinhole, Scaramuzza
+import endolab as el
 
-ENDOSCOPE = load_calibration("paper").camera
-WIDE = KannalaBrandt(400, 400, 100.0, 100.0, 199.5, 199.5, (0.01, 0.0, 0.0, 0.0))
-PINHOLE = Pinhole(320, 240, 200.0, 210.0, 159.5, 119.5)
-C3VD = load_calibration("c3vd").camera
-BROWN = BrownConrady(
+ENDOSCOPE = el.load_calibration("paper").camera
+WIDE = el.KannalaBrandt(400, 400, 100.0, 100.0, 199.5, 199.5, (0.01, 0.0, 0.0, 0.0))
+PINHOLE = el.Pinhole(320, 240, 200.0, 210.0, 159.5, 119.5)
+C3VD = el.load_calibration("c3vd").camera
+BROWN = el.BrownConrady(
     640, 480, 420.0, 425.0, 310.0, 245.0, (-0.33, 0.12, 1e-3, -8e-4, -0.01)
 )
 RATIONAL_K = (0.9, 0.3, 1e-3, -5e-4, 0.02, 1.25, 0.5, 0.08)
-RATIONAL = BrownConrady(1350, 1080, 600.0, 610.0, 670.0, 545.0, RATIONAL_K)
+RATIONAL = el.BrownConrady(1350, 1080, 600.0, 610.0, 670.0, 545.0, RATIONAL_K)
 CAMERAS = {
     "endoscope": ENDOSCOPE,
     "wide": WIDE,
@@ -80,7 +79,9 @@ def test_brown_conrady_ends_where_it_stops_growing(p2, side):
 
 
 def test_brown_conrady_ends_before_a_pole():
-    camera = BrownConrady(640, 480, 420, 420, 319.5, 239.5, (0, 0, 0, 0, 0, -0.5, 0, 0))
+    camera = el.BrownConrady(
+        640, 480, 420, 420, 319.5, 239.5, (0, 0, 0, 0, 0, -0.5, 0, 0)
+    )
     assert np.tan(camera.max_angle) == pytest.approx(np.sqrt(2), rel=1e-6)
     assert np.isfinite(camera.field.rays).all()
 
@@ -128,7 +129,7 @@ def test_the_endoscopes_polynomial_ends_where_it_stops_growing():
 
 def test_scaramuzzas_polynomial_ends_where_the_angle_stops_growing():
     """Against a fine table of atan2(r, a(r))."""
-    camera = Scaramuzza(400, 400, 199.5, 199.5, (100, 0, 2e-3, 1e-5, 1e-8))
+    camera = el.Scaramuzza(400, 400, 199.5, 199.5, (100, 0, 2e-3, 1e-5, 1e-8))
     r = np.linspace(0, 400, 400001)
     angle = np.arctan2(r, np.polynomial.polynomial.polyval(r, camera.a))
     end = r[np.argmax(angle)]

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+import endolab as el
 from endolab.model.brdf import Glossy, Lambertian, TabulatedBRDF
 from endolab.model.lights import SpotLight
-from endolab.model.photometry import Photometry
 
 BRDFS = {
     "matt": Lambertian(0.6),
@@ -37,7 +37,7 @@ def surface(rng, count=60, max_slant=70.0):
 
 
 def model(brdf=BRDFS["matt"], lights=(), k=2.5, gamma=2.2, gain=3000.0):
-    return Photometry(k, gamma, gain, brdf, lights)
+    return el.Photometry(k, gamma, gain, brdf, lights)
 
 
 @every_brdf

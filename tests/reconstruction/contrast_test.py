@@ -5,7 +5,6 @@ import pytest
 
 import endolab as el
 from endolab.reconstruction.contrast import explained_share, noise_left
-from endolab.solvers.result import Iterate
 from tests.tools.problems import Shot, at_truth
 
 LAMS = (0.1, 1.0, 10.0, 100.0)
@@ -28,7 +27,7 @@ def test_it_falls_as_lam_grows():
 def test_noise_counts_as_explained(noise):
     """The true surface explains all, and one that is bright alike everywhere nothing, whatever the noise."""
     problem, truth = at_truth("curved", noise=noise, bits=8)
-    truth = el.Result(Iterate.of(problem, truth), el.Status.CONVERGED, [], 0.0)
+    truth = el.Result(el.Iterate.of(problem, truth), el.Status.CONVERGED, [], 0.0)
     assert el.explained_contrast(truth) == pytest.approx(1, abs=0.003)
     assert el.explained_contrast(truth) <= 1
     flat = np.where(problem.mask, 0.5 - problem.image, np.nan)

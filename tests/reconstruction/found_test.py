@@ -14,7 +14,6 @@ from endolab.reconstruction.pipeline import find, solve, solve_found
 from endolab.reconstruction.report import meaning, summary
 from endolab.reconstruction.scale import scale_of, to_scale
 from endolab.reconstruction.settings import Settings
-from endolab.solvers.result import run
 from tests.tools.problems import relit
 
 SAMPLE = el.load_traced("matt")
@@ -55,7 +54,7 @@ def test_reconstruct_is_what_is_found_solved_and_scaled(
     found = finish(find(frame, calibration, settings))
     steps = solve(found, settings, calibration)
     whole = el.reconstruct(frame, calibration, width=80, **options)
-    same(run(steps, last=lambda answer: to_scale(answer, settings)), whole)
+    same(el.run(steps, last=lambda answer: to_scale(answer, settings)), whole)
     save_found(found, tmp_path / "found.npz")
     same(
         el.solve_found(el.load_found(tmp_path / "found.npz"), calibration, **options),

@@ -9,15 +9,12 @@ import pytest
 from numpy.testing import assert_array_equal
 
 import endolab as el
-from endolab.model.lights import SpotLight
 from endolab.numerics.iteration import finish
-from endolab.reconstruction.contrast import explained_contrast
 from endolab.reconstruction.lamps import Lamps, divide_by_lamps
 from endolab.reconstruction.pipeline import find
 from endolab.reconstruction.prior_sigma import PriorSigma
 from endolab.reconstruction.report import meaning, warnings
 from endolab.reconstruction.settings import Settings
-from endolab.synthetic.scenes import SCENES
 from tests.tools.problems import Shot, errors_of, percent_off, problem_of, relit
 
 ONE = ((6.0, 0.0, 0.0),)
@@ -54,7 +51,7 @@ def test_the_error_is_that_of_a_lamp_at_the_centre(scene, lamps, options, percen
     shot = shot_of(scene, lamps)
     result = shot.reconstruct(**options)
     assert percent_off(result, shot.truth, result.mask) < percent
-    assert explained_contrast(result) > 0.97  # beside cuts, too
+    assert el.explained_contrast(result) > 0.97  # beside cuts, too
     sentences = " ".join(meaning(result))
     assert all(f"({x:g}, {y:g}, {z:g})" in sentences for x, y, z in lamps)
 
@@ -84,7 +81,7 @@ def test_an_endoscope_whose_usual_distance_is_known_needs_no_length():
 def test_lamps_that_are_listed_at_the_centre_change_no_bit():
     shot = Shot("tube", el.load_calibration("paper", 160), noise=1, bits=8)
     k = shot.calibration.photometry.k - 1
-    listed = relit(shot.calibration, k=k, lights=(SpotLight(exponent=1.0),))
+    listed = relit(shot.calibration, k=k, lights=(el.SpotLight(exponent=1.0),))
     other = el.reconstruct(shot.frame, listed)
     assert_array_equal(other.distance, shot.reconstruct().distance)
 
@@ -141,7 +138,7 @@ def test_a_start_keeps_the_lamps_and_takes_others():
 def test_the_divided_picture_is_what_one_lamp_at_the_centre_makes():
     problem, seen = problem_of("curved", 80)
     lamps = problem.photometry.with_lamps(ONE_SIDE)
-    lit = el.render(SCENES["curved"], problem.camera, lamps)
+    lit = el.render(el.SCENES["curved"], problem.camera, lamps)
     ratio = Lamps(lamps, Settings()).ratio(
         el.Iterate.of(problem, np.log(seen.distance))
     )

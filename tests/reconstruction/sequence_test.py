@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import endolab as el
-from endolab import datasets
 from endolab.reconstruction.sequence import (
     reconstruct_sequence,
 )
@@ -14,7 +13,7 @@ from endolab.synthetic.scenes import Bowl, Colon, Plane
 from tests.tools.problems import moved_colon, moved_tube
 
 COUNT = 8
-BASE = datasets.load_calibration("simple", 96)
+BASE = el.load_calibration("simple", 96)
 GREEN = BASE.photometry.channel("green")
 KNOWN = el.Calibration(BASE.camera, replace(GREEN, gain=900.0))
 UNKNOWN = el.Calibration(BASE.camera, replace(GREEN, gain=None))

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from endolab.model.cameras import Pinhole
+import endolab as el
 from tests.research.cavities import Cavity, Fold, Polyp
 
-PINHOLE = Pinhole(24, 18, 15.0, 15.0, 11.5, 8.5)
+PINHOLE = el.Pinhole(24, 18, 15.0, 15.0, 11.5, 8.5)
 RINGS = tuple(
     Fold(s, 7.0, 3.5, 0.9 * s, reach=1.5, lean=4.0) for s in (-30.0, 22.0, 45.0, 70.0)
 )

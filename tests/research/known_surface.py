@@ -19,10 +19,10 @@ import cv2
 import numpy as np
 import scipy
 
+import endolab as el
 from endolab.frames.frame import SATURATED
 from endolab.frames.highlights import find_highlights
 from endolab.metrics.depth_errors import depth_cuts, resample_truth
-from endolab.model.brdf import Lambertian
 from endolab.model.photometry import CHANNELS, Photometry
 from endolab.reconstruction.colours import LEAST_ALBEDO, MOST_ALBEDO, TISSUE, UNKNOWN
 from endolab.reconstruction.estimate_light import EXPONENTS
@@ -80,7 +80,7 @@ def measure_light(frames, camera, distances, lamps=0):
     light = Photometry(
         round(max(float(k), 0.0), 2),
         round(float(gamma), 2),
-        brdf=Lambertian(tuple(albedo.round(2).tolist())),
+        brdf=el.Lambertian(tuple(albedo.round(2).tolist())),
     )
     if lamps:
         light = light.with_lamps(found[5:].reshape(-1, 2).round(1).tolist())

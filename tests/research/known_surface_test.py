@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import endolab as el
-from endolab import datasets
 from tests.research.known_surface import measure_light
 
 DARK = (0.06, 0.05, 0.04)  # albedos of a wall from which hardly anything bounces
@@ -42,8 +41,10 @@ def test_a_lamp_beside_the_lens_is_found():
 
 
 def test_the_light_of_c3vd_is_what_its_frames_tell(data):
-    samples = [datasets.read_c3vd(data / "c3vd_trans_t1_a", index) for index in (1, 6)]
-    shipped = datasets.load_calibration("c3vd")
+    samples = [
+        el.datasets.read_c3vd(data / "c3vd_trans_t1_a", index) for index in (1, 6)
+    ]
+    shipped = el.load_calibration("c3vd")
     frames = [one.frame for one in samples]
     distances = [one.distance for one in samples]
     light, errors, misfit = measure_light(frames, shipped.camera, distances, 1)
@@ -57,5 +58,5 @@ def test_the_light_of_c3vd_is_what_its_frames_tell(data):
     )
     usual = np.nanmedian(np.concatenate([part.ravel() for part in distances]))
     assert round(usual, 1) == evidence["photometry"]["usual_distance"]
-    of_the_second = datasets.load_calibration("c3vd_v2")
+    of_the_second = el.load_calibration("c3vd_v2")
     assert of_the_second.photometry == shipped.photometry
