@@ -21,7 +21,6 @@ THREE_LIGHTS = (
     SpotLight((-3.0, 2.0, 0.0), (0.0, -0.2, 1.0), 0.8, 0.3),
     SpotLight((0.5, -4.0, 0.3), (0.0, 0.1, 1.0), 2.0, 0.4),
 )
-every_brdf = pytest.mark.parametrize("brdf", BRDFS.values(), ids=BRDFS)
 
 
 def surface(rng, count=60, max_slant=70.0):
@@ -40,7 +39,7 @@ def model(brdf=BRDFS["matt"], lights=(), k=2.5, gamma=2.2, gain=3000.0):
     return el.Photometry(k, gamma, gain, brdf, lights)
 
 
-@every_brdf
+@pytest.mark.parametrize("brdf", BRDFS.values(), ids=BRDFS)
 def test_simplified_is_the_general_model_with_the_light_at_the_centre(rng, brdf):
     points, normals, distance, theta, cos_alpha = surface(rng)
     f = brdf.value(np.cos(theta), np.cos(theta))

@@ -21,7 +21,6 @@ CAMERAS = {
         240, 240, 60.0, 60.0, 119.5, 119.5, (0.01, 0.0, 0.0, 0.0)
     ),
 }
-every_camera = pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS)
 
 
 def seen(scene, camera):
@@ -37,7 +36,7 @@ def seen(scene, camera):
     return np.where(mask, np.log(distance), np.nan), exact, mask
 
 
-@every_camera
+@pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS)
 @pytest.mark.parametrize("name", ["plane", "curved", "tube"])
 def test_normals_of_exact_scenes(name, camera):
     v, exact, mask = seen(SCENES[name], camera)

@@ -16,7 +16,7 @@ from endolab.reconstruction.report import notes, warnings
 from endolab.reconstruction.settings import Settings
 from endolab.solvers.provenance import ContourOutcome, LightOutcome
 from tests.benchmarks.frames import cases_of
-from tests.tools.problems import Shot, relit
+from tests.tools.problems import relit
 
 ALBEDO = np.array([0.75, 0.38, 0.30])
 WIDTH = 240  # for speed
@@ -80,20 +80,6 @@ def test_albedos_are_found_in_the_colours(dry, separated):
     assert found[0] == pytest.approx(ALBEDO[0], abs=0.25)
     assert error(result, dry) < 12.5
     assert "estimated albedos" in note(result)
-
-
-def test_where_nothing_bounces_nothing_is_taken_out():
-    """A picture of endolab's own model: the colours say so, whatever the surface would make of its light."""
-    known = el.load_calibration("simple", width=160)
-    tissue = relit(known, brdf=el.Lambertian(tuple(ALBEDO)))
-    shot = Shot("colon", tissue, noise=1, bits=8)
-    green, result = (
-        shot.reconstruct(channel=channel, contours=False)
-        for channel in ("green", "separated")
-    )
-    worse = shot.errors(result).mean_percent - shot.errors(green).mean_percent
-    assert worse < 0.5
-    assert result.report.light is LightOutcome.NONE_BOUNCED
 
 
 @pytest.fixture

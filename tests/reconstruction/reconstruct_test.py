@@ -222,6 +222,7 @@ def matt():
         ({"regulariser": "second"}, dict.fromkeys(TURNS, 5e-3)),
         ({"regulariser": "second", "xi": "1/z"}, dict.fromkeys(TURNS, 5e-3)),
         ({"regulariser": "first"}, {"transposed": 5e-3}),
+        ({"solver": "fast_marching"}, dict.fromkeys(TURNS, 1e-9)),
         (None, {"mirrored": 5e-4, "upside down": 4e-2, "transposed": 5e-4}),
     ],
 )
