@@ -42,12 +42,6 @@ READERS |= dict.fromkeys(("frame.png", "deep.png", "frame.jpg"), read_image)
 READERS |= dict.fromkeys(CALIBRATIONS, el.load_calibration)
 
 
-def peak():
-    """The most memory that this process has had, MB, since it was told to forget."""
-    status = Path("/proc/self/status").read_text()
-    return int(re.search(r"VmHWM:\s+(\d+)", status)[1]) / 1024
-
-
 def damages(path):
     """Damages of a file, from without or, where its format is known, from within."""
     ways = {".npz": damaged_arrays, ".json": damaged_json}
@@ -70,8 +64,10 @@ def test_what_is_damaged_is_taken_or_refused_in_one_sentence(name, given, tmp_pa
         except (ValueError, OSError, MemoryError) as error:
             assert str(path) in str(error)  # noqa: PT017
             assert "\n" not in str(error)  # noqa: PT017
-        if Path("/proc/self/status").exists():
-            assert peak() - before < MOST_MEMORY
+        status = Path("/proc/self/status")
+        if status.exists():
+            peak = int(re.search(r"VmHWM:\s+(\d+)", status.read_text())[1]) / 1024
+            assert peak - before < MOST_MEMORY
 
     attack()
 

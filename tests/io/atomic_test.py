@@ -23,10 +23,10 @@ def texts(folder):
     return {str(path.relative_to(folder)): path.read_text() for path in files}
 
 
-def write(folder, *names, content="new", error=None, **how):
+def write(folder, *names, error=None, **how):
     with stage_folder(folder, **how) as staging:
         for name in names:
-            (staging / name).write_text(content)
+            (staging / name).write_text("new")
         if error is not None:
             raise error
 

@@ -23,20 +23,20 @@ THREE_LIGHTS = (
 )
 
 
-def surface(rng, count=60, max_slant=70.0):
+def surface(rng, max_slant=70.0):
     """Random points in front of the camera and normals, with distance, slant angle and cos α."""
-    points = rng.uniform([-40, -40, 20], [40, 40, 90], (count, 3))
+    points = rng.uniform([-40, -40, 20], [40, 40, 90], (60, 3))
     distance = np.linalg.norm(points, axis=-1)
     view = -points / distance[:, None]
-    side = np.cross(view, rng.normal(size=(count, 3)))
+    side = np.cross(view, rng.normal(size=(60, 3)))
     side /= np.linalg.norm(side, axis=-1, keepdims=True)
-    theta = np.deg2rad(rng.uniform(3, max_slant, count))
+    theta = np.deg2rad(rng.uniform(3, max_slant, 60))
     normals = np.cos(theta)[:, None] * view + np.sin(theta)[:, None] * side
     return points, normals, distance, theta, points[:, 2] / distance
 
 
-def model(brdf=BRDFS["matt"], lights=(), k=2.5, gamma=2.2, gain=3000.0):
-    return el.Photometry(k, gamma, gain, brdf, lights)
+def model(brdf=BRDFS["matt"], lights=(), k=2.5):
+    return el.Photometry(k, 2.2, 3000.0, brdf, lights)
 
 
 @pytest.mark.parametrize("brdf", BRDFS.values(), ids=BRDFS)

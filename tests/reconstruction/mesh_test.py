@@ -16,10 +16,6 @@ CAMERA = el.load_calibration("paper", 160).camera
 RAYS = CAMERA.field.rays
 
 
-def points_of(scene):
-    return scene.distance(RAYS)[..., None] * RAYS
-
-
 def facing(mesh):
     """Cross product of two sides of each triangle, and its first corner."""
     corners = mesh.vertices[mesh.triangles]
@@ -81,7 +77,8 @@ def test_a_result_brings_colours_cuts_and_unit():
 @pytest.mark.parametrize("name", el.SCENES)
 def test_normals_face_the_camera_and_are_the_scenes(name):
     scene = el.SCENES[name]
-    mesh = make_mesh(points_of(scene), cuts=depth_cuts(scene.distance(RAYS)))
+    distance = scene.distance(RAYS)
+    mesh = make_mesh(distance[..., None] * RAYS, cuts=depth_cuts(distance))
     assert (np.einsum("ni,ni->n", *facing(mesh)) < 0).all()
     assert (np.einsum("ni,ni->n", mesh.normals, mesh.vertices) < 0).all()
     assert np.allclose(np.linalg.norm(mesh.normals, axis=-1), 1)

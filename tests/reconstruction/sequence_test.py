@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 import endolab as el
-from endolab.reconstruction.sequence import (
-    reconstruct_sequence,
-)
+from endolab.reconstruction.sequence import reconstruct_sequence
 from endolab.synthetic.scenes import Bowl, Colon, Plane
 from tests.tools.problems import moved_colon, moved_tube
 
@@ -39,15 +37,6 @@ def named(seen):
     return [(f"f{k}", one.image) for k, one in enumerate(seen)]
 
 
-def scales(seen, steps):
-    """What each frame's distances lack to be mm, relative to the first's."""
-    factors = [
-        np.nanmedian(a.distance / b.result.distance)
-        for a, b in zip(seen, steps, strict=True)
-    ]
-    return np.array(factors) / factors[0]
-
-
 @pytest.mark.parametrize("way", WAYS)
 def test_gains_that_double_are_told_from_a_camera_that_moves(way):
     """Alone, the frames' scales would differ by up to √2 or more; linked they agree within 6 %."""
@@ -55,7 +44,11 @@ def test_gains_that_double_are_told_from_a_camera_that_moves(way):
     seen = shots(WAYS[way], gains)
     steps = list(reconstruct_sequence(named(seen), UNKNOWN))
     assert all(step.error == "" and not step.result.metric for step in steps)
-    np.testing.assert_allclose(scales(seen, steps), 1, atol=0.06)
+    scales = [
+        np.nanmedian(a.distance / b.result.distance)
+        for a, b in zip(seen, steps, strict=True)
+    ]
+    np.testing.assert_allclose(scales / scales[0], 1, atol=0.06)
     found = np.array([step.result.problem.photometry.gain for step in steps])
     np.testing.assert_allclose(found / found[0], gains / gains[0], rtol=0.13)
 

@@ -10,14 +10,15 @@ from endolab.reconstruction.walls import Walls, exchange_between
 from endolab.synthetic.scenes import Colon
 
 
-def ball(count=600, radius=20.0):
-    """Patches of the inside of a ball around the origin, all of one area."""
+def ball():
+    """Patches of the inside of a ball of 20 mm around the origin, all of one area."""
+    count = 600
     z = 1 - (2 * np.arange(count) + 1) / count
     around = np.pi * (3 - np.sqrt(5)) * np.arange(count)
     out = np.column_stack(
         [np.sqrt(1 - z**2) * np.cos(around), np.sqrt(1 - z**2) * np.sin(around), z]
     )
-    return radius * out, -out, np.full(count, 4 * np.pi * radius**2 / count)
+    return 20 * out, -out, np.full(count, 4 * np.pi * 20**2 / count)
 
 
 def open_cells(count):

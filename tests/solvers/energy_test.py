@@ -148,9 +148,9 @@ def equations_at(problem, v):
     return -inner(descent) / grid.count, coefficients.matrix(0.0) / grid.count
 
 
-def derivative(function, v, direction, h=1e-6):
+def derivative(function, v, direction):
     """Central difference of a function of v along a direction."""
-    return (function(v + h * direction) - function(v - h * direction)) / (2 * h)
+    return (function(v + 1e-6 * direction) - function(v - 1e-6 * direction)) / 2e-6
 
 
 @every_variant
