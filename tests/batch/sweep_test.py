@@ -1,14 +1,10 @@
 """Sweeps: one tidy table, on one core, on more, or on a cluster of Dask's."""
 
 import csv
-import subprocess
-import sys
-import time
 from contextlib import nullcontext
 from dataclasses import replace
 
 import joblib
-import psutil
 import pytest
 
 import endolab as el
@@ -19,16 +15,6 @@ from tests.tools.recorded import Recorded
 BASE = el.load_calibration("simple", 64)
 GREEN = replace(BASE.photometry.channel("green"), gain=900.0)
 CALIBRATION = el.Calibration(BASE.camera, GREEN)
-PATIENCE = 120  # seconds after which a test gives up
-KILLED = """
-import sys
-import numpy as np
-import endolab as el
-
-sample = el.load_traced("matt")
-lams = np.geomspace(0.01, 100, 100)
-el.sweep([sample.frame], sample.calibration, width=64, lam=lams, table=sys.argv[1], n_jobs=2)
-"""
 
 
 @pytest.fixture(scope="module")
@@ -113,24 +99,3 @@ def test_each_xi_has_its_lambdas_found_anew_if_asked(frames, tmp_path):
     runs = el.read_recording(tmp_path / "lam.rrd").runs
     recorded = [x for run in runs.values() for x in run.table()["energy"]]
     assert recorded == pytest.approx([row["energy"] for row in rows])
-
-
-def test_workers_end_with_a_sweep_that_is_killed(tmp_path):
-    table = tmp_path / "t.csv"
-    program = subprocess.Popen([sys.executable, "-c", KILLED, str(table)])
-    end = time.monotonic() + PATIENCE
-    while not table.exists() or table.read_text().count("\n") < 3:
-        assert program.poll() is None
-        assert time.monotonic() < end
-        time.sleep(0.05)
-    workers = psutil.Process(program.pid).children(recursive=True)
-    program.kill()
-    program.communicate()
-    gone, alive = psutil.wait_procs(workers, PATIENCE)
-    for worker in alive:
-        worker.kill()
-    assert (len(gone), alive) == (len(workers), [])
-    with open(table, newline="") as stream:  # the table is whole, however it ended
-        rows = list(csv.DictReader(stream))
-    assert len(rows) >= 2
-    assert all(set(row) == set(SWEEP_COLUMNS) and row["seconds"] for row in rows)
