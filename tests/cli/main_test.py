@@ -11,6 +11,7 @@ import termios
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 import endolab as el
 from endolab.cli import main as cli
@@ -82,7 +83,7 @@ def test_simulate_writes_a_frame_and_its_truth(sim):
     assert read_image(sim / "frame.png").shape == truth["normals"].shape
     rays = el.load_calibration(sim / "endoscope.json").camera.field.rays
     exact = el.SCENES["curved"].distance(rays)
-    np.testing.assert_allclose(truth["distance"], exact, rtol=1e-6)
+    assert_allclose(truth["distance"], exact, rtol=1e-6)
 
 
 def test_reconstruct_writes_a_whole_folder(work):
@@ -114,7 +115,7 @@ def test_a_mesh_and_a_preparation_come_if_they_are_asked_for_and_change_no_bit(
         )
     assert names(tmp_path / "more") == sorted([*OUTPUTS, "mesh.ply", "preparation.png"])
     plain, more = (maps(tmp_path / out / "depth.npz") for out in ("plain", "more"))
-    np.testing.assert_array_equal(more["distance"], plain["distance"])
+    assert_array_equal(more["distance"], plain["distance"])
 
 
 def test_snapshots_come_and_a_length_is_asked_for(solve, capsys):
@@ -217,7 +218,7 @@ def test_a_settings_file_gives_what_options_give_and_options_win(solve, tmp_path
     assert one == two
     assert (both["lam"], both["xi"], both["known_distance"]) == (1, "d", None)
     found = [maps(run / "depth.npz")["distance"] for run in runs]
-    np.testing.assert_array_equal(found[0], found[1])
+    assert_array_equal(found[0], found[1])
     assert np.nanmedian(found[2]) == pytest.approx(20, rel=1e-6)
 
 
@@ -230,7 +231,7 @@ def test_the_same_command_with_a_results_own_endoscope_gives_its_answer(
     ):
         assert solve(f"--crop 40,30,80,60 --solver facing --out {out}", known) == 0
     one, two = (maps(tmp_path / out / "depth.npz")["z"] for out in ("one", "two"))
-    np.testing.assert_array_equal(one, two)
+    assert_array_equal(one, two)
 
 
 @pytest.fixture

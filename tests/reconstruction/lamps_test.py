@@ -18,7 +18,6 @@ from endolab.reconstruction.settings import Settings
 from tests.tools.problems import Shot, errors_of, percent_off, problem_of, relit
 
 ONE = ((6.0, 0.0, 0.0),)
-PAIR = ((3.0, 0.0, 0.0), (-3.0, 0.0, 0.0))
 ONE_SIDE = ((4.0, 2.0, 0.0), (-1.0, 4.0, 0.0))
 
 
@@ -34,7 +33,7 @@ def shot_of(scene, lamps=ONE, width=240):
     [
         ("curved", ONE, {}, 0.4),  # 7.0 by one lamp at the centre
         ("tube", ONE, {}, 1.2),  # 17.2
-        ("tube", PAIR, {}, 0.6),  # 1.8
+        ("tube", ((3.0, 0.0, 0.0), (-3.0, 0.0, 0.0)), {}, 0.6),  # 1.8
         ("colon", ONE, {}, 6.2),  # 19.0; 5.3 where the lamp is at the centre
         ("colon", ONE_SIDE, {}, 6.2),  # 9.6
         ("tube", ONE, {"channel": "green"}, 1.3),
