@@ -7,24 +7,25 @@ mean error of each. What halves rows and columns shares an odd number of them ou
 surfaces differ by what convergence leaves. No test: it takes a minute.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
-import endolab as el
-from tests.benchmarks.frames import cases_of, drawn, table
+from tests.benchmarks.frames import table
+from tests.tools.cases import drawn, traced
 from tests.tools.problems import percent_off
-from tests.tools.turns import TURNS, solve_turned
+from tests.tools.turns import TURNS, turned
 
 WIDTH = 240  # px
 
 
 def cases():
     """Yield the frames."""
-    known = el.load_calibration("simple", WIDTH)
     for noise in (0.0, 1.0):
-        yield drawn(f"colon, noise {noise:g}", "colon", known, noise=noise, bits=8)
-    for case in cases_of("traced"):
-        if case.name in ("matt", "wet-1"):
-            yield case.resize(WIDTH)
+        case = drawn("colon", "simple", WIDTH, noise=noise, bits=8)
+        yield replace(case, name=f"colon, noise {noise:g}")
+    for name in ("matt", "wet-1"):
+        yield traced(name).resize(WIDTH)
 
 
 def rows():
@@ -34,12 +35,11 @@ def rows():
             upright = case.solve(contours=contours)
             row = [f"{percent_off(upright, case):.2f}"]
             for name, turn in TURNS.items():
-                how = {"contours": contours}
-                found = solve_turned(case.frame, case.calibration, name, **how)
+                there = turned(case, name)
+                found = there.solve(contours=contours)
                 moved = np.abs(np.log(found.distance / turn(upright.distance)))
                 off = 100 * np.nanpercentile(moved, 99)
-                error = percent_off(found, turn(case.distance))
-                row.append(f"{off:.2g} %, {error:.2f}")
+                row.append(f"{off:.2g} %, {percent_off(found, there):.2f}")
             yield [case.name, "uncut" if contours is False else "cut", *row]
 
 

@@ -5,16 +5,17 @@ import pytest
 
 import endolab as el
 from endolab.reconstruction.contrast import explained_share, noise_left
-from tests.tools.problems import Shot, at_truth
+from tests.tools.cases import drawn
+from tests.tools.problems import at_truth
 
 LAMS = (0.1, 1.0, 10.0, 100.0)
 
 
 def explained_by(lams, **noise):
     """What a colon's surfaces explain."""
-    shot = Shot("colon", el.load_calibration("paper", width=160), **noise)
+    colon = drawn("colon", "paper", 160, **noise)
     how = {"channel": "grey", "contours": False}
-    return [el.explained_contrast(shot.reconstruct(lam=lam, **how)) for lam in lams]
+    return [el.explained_contrast(colon.solve(lam=lam, **how)) for lam in lams]
 
 
 def test_it_falls_as_lam_grows():

@@ -9,7 +9,8 @@ import endolab as el
 from endolab.cli.main import main
 from endolab.reconstruction.light_and_contours import CONTOURS
 from endolab.reconstruction.report import advice, describe, summary, warnings
-from tests.tools.problems import Shot, relit
+from tests.tools.cases import drawn
+from tests.tools.problems import relit
 
 WIDTH = 160
 ROW, COLUMN = np.indices((240, 320))
@@ -71,10 +72,10 @@ def test_a_light_of_something_else_is_doubted(wet, change, named):
 )
 def test_a_solver_that_has_not_come_to_the_minimum_is_the_cause(options):
     """And neither λ nor the frame, which Gauss-Newton explains."""
-    shot = Shot("colon", el.load_calibration("paper", width=80))
+    colon = drawn("colon", "paper", 80)
     how = {"channel": "green", "contours": False, "lam": 0.03}
-    assert list(warnings(shot.reconstruct(**how))) == []
-    result = shot.reconstruct(**how, **options)
+    assert list(warnings(colon.solve(**how))) == []
+    result = colon.solve(**how, **options)
     for line in (next(summary(result)), describe(result, 0.5, "kept", None)):
         assert "lower its energy by" in line
     (sentence,) = warnings(result)
@@ -91,7 +92,7 @@ def test_what_a_nominal_light_may_cost_is_printed(wet):
 
 def test_the_line_says_what_is_known():
     """A look was solved on few pixels; stages counted from 0 again; −64.6 % were explained."""
-    result = Shot("plane", el.load_calibration("paper", width=32)).reconstruct()
+    result = drawn("plane", "paper", 32).solve()
     assert "explains" not in describe(result, 0.957, "look", None)
     line = describe(result, 0.957, "final", (5.0, 0.094))
     assert "mean 5.0 %, median 0.09 %" in line
@@ -105,8 +106,8 @@ def test_one_alarm_a_cause_and_first_what_was_turned():
     assert advice(0.98, 1.0, 0.4) == ""
     assert advice(0.9897, 63.0, 0.4) == ""
     assert "0.4" in advice(0.98, 1.3, 0.4)
-    shot = Shot("colon", el.load_calibration("paper", width=80))
-    flat = shot.reconstruct(lam=100.0, channel="green", contours=False)
+    how = {"lam": 100.0, "channel": "green", "contours": False}
+    flat = drawn("colon", "paper", 80).solve(**how)
     for turned, first in (({"lam"}, "λ"), ({"k"}, "another k"), (set(), "wet")):
         (sentence,) = warnings(flat, turned)
         assert f"What may be: {first}" in sentence

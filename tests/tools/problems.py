@@ -115,25 +115,6 @@ def relit(calibration, **changes):
     return replace(calibration, photometry=replace(calibration.photometry, **changes))
 
 
-class Shot:
-    """A rendered frame with its truth, and the calibration that explains it."""
-
-    def __init__(self, scene, calibration, photometry=None, **how):
-        scene = el.SCENES[scene] if isinstance(scene, str) else scene
-        self.truth = el.render(
-            scene, calibration.camera, photometry or calibration.photometry, **how
-        )
-        self.frame = el.Frame(self.truth.image, self.truth.mask)
-        self.calibration = replace(calibration, photometry=self.truth.photometry)
-        self.up_to_scale = relit(self.calibration, gain=None)
-
-    def reconstruct(self, **options):
-        return el.reconstruct(self.frame, self.calibration, **options)
-
-    def errors(self, result):
-        return errors_of(result, self.truth)
-
-
 def moved_tube(t):
     """The tube, the camera having gone on by 3 t mm."""
     return Tube(length=130 - 3 * t, tilt=5 + 0.5 * t, offset=(3 - 0.5 * t, 1))
