@@ -9,8 +9,7 @@ import endolab as el
 from endolab.cli.main import main
 from endolab.reconstruction.light_and_contours import CONTOURS
 from endolab.reconstruction.report import advice, describe, summary, warnings
-from tests.tools.cases import drawn
-from tests.tools.problems import relit
+from tests.tools.cases import drawn, traced
 
 WIDTH = 160
 ROW, COLUMN = np.indices((240, 320))
@@ -19,18 +18,18 @@ DISC = (np.hypot(COLUMN - 60, ROW - 190) < 55)[..., None]
 
 @pytest.fixture(scope="module")
 def wet():
-    return el.load_traced("wet-1")
+    return traced("wet-1")
 
 
-def doubts_of(image, calibration, mask, **options):
-    frame = el.Frame(image, mask, "a")
-    return [*warnings(el.reconstruct(frame, calibration, width=WIDTH, **options))]
+def doubts_of(case, channel=None, **changes):
+    """What is doubted of a case whose frame has another picture or mask."""
+    case = replace(case, frame=replace(case.frame, **changes))
+    return [*warnings(case.solve(width=WIDTH, channel=channel))]
 
 
 @pytest.mark.parametrize("name", ["matt", "diffuse-2", "foggy"])
 def test_nothing_is_said_of_what_is_usual(name):
-    sample = el.load_traced(name)
-    assert doubts_of(sample.frame.image, sample.calibration, sample.frame.mask) == []
+    assert doubts_of(traced(name)) == []
 
 
 @pytest.mark.parametrize(
@@ -49,7 +48,7 @@ def test_nothing_is_said_of_what_is_usual(name):
 )
 def test_a_picture_of_something_else_is_doubted(wet, change, named):
     image = np.clip(change(wet.frame.image), 0, 1)
-    assert named in " ".join(doubts_of(image, wet.calibration, wet.frame.mask))
+    assert named in " ".join(doubts_of(wet, image=image))
 
 
 @pytest.mark.parametrize(
@@ -61,9 +60,7 @@ def test_a_picture_of_something_else_is_doubted(wet, change, named):
     ],
 )
 def test_a_light_of_something_else_is_doubted(wet, change, named):
-    known = relit(wet.calibration, **change)
-    warnings = doubts_of(wet.frame.image, known, wet.frame.mask, channel="green")
-    assert named in " ".join(warnings)
+    assert named in " ".join(doubts_of(wet.relit(**change), "green"))
 
 
 @pytest.mark.parametrize(
@@ -115,10 +112,8 @@ def test_one_alarm_a_cause_and_first_what_was_turned():
 
 def test_a_lost_decimal_point_is_doubted_and_needs_no_more_memory(wet):
     camera = el.Pinhole(320, 240, 119535.0, 119535.0, 159.5, 119.5)
-    calibration = el.Calibration(camera, wet.calibration.photometry)
-    assert "focal length" in " ".join(
-        doubts_of(wet.frame.image, calibration, wet.frame.mask)
-    )
+    lost = replace(wet, calibration=replace(wet.calibration, camera=camera))
+    assert "focal length" in " ".join(doubts_of(lost))
 
 
 def test_a_mask_that_reaches_beyond_the_field_is_cut_and_said(wet):
@@ -126,16 +121,17 @@ def test_a_mask_that_reaches_beyond_the_field_is_cut_and_said(wet):
     row, column = np.indices(wet.frame.mask.shape)
     disc = (row - 119.5) ** 2 + (column - 159.5) ** 2 < 110**2
     image = wet.frame.image * disc[..., None]
-    warnings = " ".join(doubts_of(image, wet.calibration, np.roll(disc, 40, axis=1)))
-    assert "of the mask lies beyond what the endoscope shows" in warnings
-    assert "of the mask" not in " ".join(doubts_of(image, wet.calibration, disc))
+    shifted = np.roll(disc, 40, axis=1)
+    sentences = " ".join(doubts_of(wet, image=image, mask=shifted))
+    assert "of the mask lies beyond what the endoscope shows" in sentences
+    assert "of the mask" not in " ".join(doubts_of(wet, image=image, mask=disc))
 
 
 def test_pixels_that_the_camera_does_not_reach_are_counted(wet, tmp_path, capsys):
     """As of a polynomial that turns back within the picture."""
     camera = el.KannalaBrandt(320, 240, 120.0, 120.0, 159.5, 119.5, (-0.3, 0, 0, 0))
-    calibration = el.Calibration(camera, wet.calibration.photometry)
-    sentences = " ".join(doubts_of(wet.frame.image, calibration, wet.frame.mask))
+    calibration = replace(wet.calibration, camera=camera)
+    sentences = " ".join(doubts_of(replace(wet, calibration=calibration)))
     assert "71 % of what the endoscope shows has no ray" in sentences
     el.write_calibration(calibration, tmp_path / "a.json")
     assert (
