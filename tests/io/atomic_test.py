@@ -1,6 +1,5 @@
 """Files and folders that are whole or not there."""
 
-import os
 import signal
 import subprocess
 import sys
@@ -104,7 +103,6 @@ def test_a_file_is_replaced_whole_and_only_if_asked(tmp_path):
 # What cannot be done is said in one sentence that names the file --------------------------
 
 
-@pytest.mark.skipif(os.name != "posix", reason="names of POSIX")
 @pytest.mark.parametrize("name", ["file/x", "nowhere/x", "folder", "n" * 300, ""])
 def test_a_place_that_cannot_be_written_or_read_is_named(tmp_path, monkeypatch, name):
     monkeypatch.chdir(tmp_path)

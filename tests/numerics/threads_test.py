@@ -1,6 +1,5 @@
 """Compiled loops on several cores: the same results whoever takes part, and who does."""
 
-import os
 import subprocess
 import sys
 import threading
@@ -87,7 +86,6 @@ print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), np.array_equal(blurred
 """
 
 
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
 def test_a_forked_child_goes_on_by_itself(monkeypatch):
     for name in (THREADS_VARIABLE, "NUMBA_NUM_THREADS"):
         monkeypatch.delenv(name, raising=False)
