@@ -10,28 +10,24 @@ import pytest
 import endolab as el
 from endolab.batch.sweep import SWEEP_COLUMNS, sweep
 from endolab.workbench.recording.layouts import LAMBDAS
+from tests.tools.cases import drawn
 from tests.tools.recorded import Recorded
 
-BASE = el.load_calibration("simple", 64)
-GREEN = replace(BASE.photometry.channel("green"), gain=900.0)
-CALIBRATION = el.Calibration(BASE.camera, GREEN)
-
-
-@pytest.fixture(scope="module")
-def seen():
-    return {
-        name: el.render(el.SCENES[name], BASE.camera, GREEN, noise=1.0)
-        for name in ("plane", "tube")
-    }
+GREEN = el.load_calibration("simple").photometry.channel("green")
+SEEN = [
+    drawn(name, "simple", 64, replace(GREEN, gain=900.0), noise=1.0)
+    for name in ("plane", "tube")
+]
+CALIBRATION = SEEN[0].calibration
 
 
 @pytest.fixture
-def frames(seen):
-    return [el.Frame(one.image, one.mask, name) for name, one in seen.items()]
+def frames():
+    return [one.frame for one in SEEN]
 
 
-def test_each_with_each_is_one_row(frames, seen, tmp_path):
-    truth = [(one.distance, one.normals) for one in seen.values()]
+def test_each_with_each_is_one_row(frames, tmp_path):
+    truth = [(one.distance, one.normals) for one in SEEN]
     path = tmp_path / "t.csv"
     calls = []
     grid = {"lam": (0.1, 1.0), "xi": ("1/d", "d"), "regulariser": ("first", "second")}
@@ -70,12 +66,10 @@ def test_workers_find_the_same(frames, tmp_path, backend):
         )
 
 
-def test_a_recording_has_an_answer_and_its_error_for_each_lambda(
-    frames, seen, tmp_path
-):
+def test_a_recording_has_an_answer_and_its_error_for_each_lambda(frames, tmp_path):
     recording = tmp_path / "lam.rrd"
     how = {"table": tmp_path / "1.csv", "recording": recording, "lam": [0.1, 1, 10]}
-    truth = [(seen["plane"].distance, seen["plane"].normals)]
+    truth = [(SEEN[0].distance, SEEN[0].normals)]
     rows = sweep(frames[:1], CALIBRATION, truth=truth, **how)
     run = el.read_recording(recording)
     assert run.pictured == (0, 1, 2)
