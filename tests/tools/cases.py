@@ -66,14 +66,14 @@ class Case:
 
 
 def drawn(scene, known="simple", width=None, light=None, **how):
-    """A scene of the library, rendered by a known endoscope, or any, in its own light or another."""
+    """A scene of the library, or any, rendered by a known endoscope, or any, in its own light or another."""
     if isinstance(known, str):
         known = el.load_calibration(known, width)
     light = light or known.photometry
-    seen = el.render(el.SCENES[scene], known.camera, light, **how)
-    frame = el.Frame(seen.image, seen.mask, scene)
+    seen = el.render(el.SCENES.get(scene, scene), known.camera, light, **how)
+    frame = el.Frame(seen.image, seen.mask, str(scene))
     known = replace(known, photometry=seen.photometry)
-    return Case(scene, frame, known, seen.distance, seen.normals)
+    return Case(str(scene), frame, known, seen.distance, seen.normals)
 
 
 def traced(sample):

@@ -9,7 +9,6 @@ import pytest
 import endolab as el
 from endolab.metrics.depth_errors import compare
 from endolab.solvers.problem import Problem
-from endolab.synthetic.scenes import Colon, Tube
 
 ORDERS = ("first", "second")
 every_variant = pytest.mark.parametrize(
@@ -113,13 +112,3 @@ def border(seen, width):
 def relit(calibration, **changes):
     """The calibration with another light."""
     return replace(calibration, photometry=replace(calibration.photometry, **changes))
-
-
-def moved_tube(t):
-    """The tube, the camera having gone on by 3 t mm."""
-    return Tube(length=130 - 3 * t, tilt=5 + 0.5 * t, offset=(3 - 0.5 * t, 1))
-
-
-def moved_colon(t):
-    """The colon, the camera having gone on by t mm."""
-    return type("Moved", (Colon,), {"_camera": np.array([2 + 0.1 * t, -1.5, t])})()
