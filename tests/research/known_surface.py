@@ -49,7 +49,7 @@ SECTORS = 4  # around the axis, each with a near and a far part
 def measure_light(frames, camera, distances, lamps=0):
     """Measure k, γ and a matt wall's albedos on colour frames of known distances, mm, nan where unknown.
 
-    And the places of so many `lamps` beside the lens (`Photometry.with_lamps`); 0: one at the optical centre.
+    And the places of none to two `lamps` beside the lens (`Photometry.with_lamps`); 0: one at its centre.
 
     Returned are the light, of unknown gain, the standard errors of "k" (joint), "gamma", "red", "green",
     "blue", and "lamp 1 x" ..., mm, and the median size of what the model leaves, grey levels.
@@ -61,8 +61,7 @@ def measure_light(frames, camera, distances, lamps=0):
         light = patches.light(1.5, np.array(TISSUE), np.empty((0, 2)))
         levels.append(np.median(log_light - light, axis=0))
     count = 5 + 2 * lamps
-    turn = 2 * np.pi * np.arange(lamps) / max(lamps, 1)
-    places = TIP * np.column_stack([np.cos(turn), np.sin(turn)])
+    places = TIP * np.eye(2)[:lamps]
     start = np.concatenate([[1.5, GAMMA], np.log(TISSUE), places.ravel(), *levels])
     fitted = _fit(seen, start, lamps)
     parts = [_fit(seen, fitted, lamps, part)[:count] for part in range(2 * SECTORS)]
