@@ -58,7 +58,6 @@ lint: $(READY) ## check style, format, spelling, types, imports, words and noteb
 
 bench: $(READY) ## measure accuracy and speed
 	$(BIN)/python -m tests.benchmarks.speed
-	$(BIN)/python -m tests.benchmarks.session
 	$(BIN)/python -m tests.benchmarks.accuracy
 	$(BIN)/python -m tests.benchmarks.causes
 	$(BIN)/python -m tests.benchmarks.uncertainty

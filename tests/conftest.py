@@ -1,10 +1,8 @@
-"""What every test can ask for: a random generator, the published frames, Open3D, Mitsuba."""
+"""What every test can ask for: a random generator, the published frames, Open3D."""
 
 import os
 import signal
 from pathlib import Path
-from types import ModuleType
-from typing import NoReturn
 
 import numpy as np
 import pytest
@@ -20,15 +18,12 @@ os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 os.environ.setdefault("CI", "1")
 
 # Programs that tests start and interrupt would ignore what nohup, or a shell's &, has this one ignore.
-for _name, _usual in (
-    ("SIGINT", signal.default_int_handler),
-    ("SIGHUP", signal.SIG_DFL),
+for _number, _usual in (
+    (signal.SIGINT, signal.default_int_handler),
+    (signal.SIGHUP, signal.SIG_DFL),
 ):
-    if (
-        hasattr(signal, _name)
-        and signal.getsignal(getattr(signal, _name)) is signal.SIG_IGN
-    ):
-        signal.signal(getattr(signal, _name), _usual)
+    if signal.getsignal(_number) is signal.SIG_IGN:
+        signal.signal(_number, _usual)
 
 ROOT = Path(__file__).resolve().parent.parent
 os.environ["PYTHONPATH"] = str(ROOT)  # of programs that tests start
@@ -43,7 +38,7 @@ MARKS = {
 
 
 @pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(items):
     """Mark tests by their folders: `make test` leaves to `make test-slow` and `make lint` what is theirs."""
     for item in items:
         for mark, folders in MARKS.items():
@@ -51,7 +46,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
                 item.add_marker(mark)
 
 
-def missing_system(sentence: str) -> NoReturn:
+def missing_system(sentence):
     """Skip a test whose system library is missing, or fail it where ENDOLAB_REQUIRE_SYSTEM is set."""
     if os.environ.get("ENDOLAB_REQUIRE_SYSTEM"):
         pytest.fail(sentence, pytrace=False)
@@ -59,19 +54,19 @@ def missing_system(sentence: str) -> NoReturn:
 
 
 @pytest.fixture
-def rng() -> np.random.Generator:
+def rng():
     """Give random numbers that are the same in every run."""
     return np.random.default_rng(0)
 
 
 @pytest.fixture
-def all_cores(monkeypatch: pytest.MonkeyPatch) -> None:
+def all_cores(monkeypatch):
     """Let compiled loops have as many threads as there are cores."""
     monkeypatch.delenv("ENDOLAB_THREADS", raising=False)
 
 
 @pytest.fixture(scope="session")
-def data() -> Path:
+def data():
     """Give the folder of published frames."""
     from endolab.io.datasets.sample import data_folder
 
@@ -82,21 +77,7 @@ def data() -> Path:
 
 
 @pytest.fixture(scope="session")
-def trace() -> object:
-    """Give the path tracer; it needs Mitsuba, an optional extra, and LLVM."""
-    pytest.importorskip(
-        "mitsuba",
-        reason='Mitsuba is not installed: python -m pip install "mitsuba>=3.9"',
-    )
-    try:
-        from tests.research import path_tracing
-    except OSError as error:
-        pytest.skip(str(error))
-    return path_tracing.trace
-
-
-@pytest.fixture(scope="session")
-def open3d() -> ModuleType:
+def open3d():
     """Give Open3D, which imports only where libusb is installed."""
     try:
         import open3d

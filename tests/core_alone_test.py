@@ -162,9 +162,3 @@ def test_a_script_beside_the_clone_imports_the_package_not_the_clones_folder(tmp
     script.write_text("import endolab; print(endolab.__version__)")
     done = python(script, cwd=tmp_path)
     assert done.stdout.strip() == el.__version__, done.stderr
-
-
-def test_importing_the_package_loads_nothing_slow():
-    slow = ["numpy", "rerun", "open3d", "matplotlib", "ipywidgets", "numba", "cv2"]
-    code = f"import sys, endolab; print([m for m in {slow} if m in sys.modules])"
-    assert python("-c", code, PYTHONPATH=str(ROOT)).stdout == "[]\n"

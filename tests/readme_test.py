@@ -12,7 +12,6 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```", README, re.DOTALL | re.MULTILINE)
-PROGRAM = ".venv/bin/endolab"
 
 
 def blocks(language):
@@ -68,7 +67,7 @@ def test_every_command_of_the_readme_works(tmp_path, monkeypatch):
     Path("sim/frame.png").rename("frame.png")
     next(Path("sheet").glob("*.mkv")).rename("video.mp4")
     for program, *words in commands():
-        if program == PROGRAM:
+        if program == ".venv/bin/endolab":
             if words[0] == "calibrate":
                 Path("endoscope.json").unlink()
             run(*words)

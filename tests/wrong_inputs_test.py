@@ -126,7 +126,6 @@ def half(name):
 
 # The rows -------------------------------------------------------------------------------
 ONES = np.ones((48, 64))
-PAPR = "reconstruct frame.png --calibration papr"
 TWICE = {"known_distance": (30, 1, 2), "median_distance": 30}
 OPTIONS = [
     option("--solver gaus_newton", "gauss_newton", solver="gaus_newton"),
@@ -198,7 +197,7 @@ CALIBRATIONS = [
     endoscope("photometry.brdf", {"model": "phong"}, "photometry.brdf"),
     endoscope("photometry.brdf.albedo", [0.5, 0.5], "albedo"),
     endoscope("photometry.lights", [{"pos": [0, 0, 0]}], "pos"),
-    Row("papr", (f"{PAPR} --out o", lambda: el.load_calibration("papr")), "paper"),
+    Row("papr", lambda: el.load_calibration("papr"), "paper"),
     calibration("deep.json", "[" * 100_000, "deep.json"),
     calibration("list.json", "[]", "list.json"),
     calibration("matlab.json", {"RadialDistortion": [0.1], "K": [[300]]}, "COLMAP"),
@@ -269,6 +268,7 @@ TARGETS = [
     Row("small", lambda: DotGrid(5, 4, 6.0, small=2.0, large=1.0), "small"),
 ]
 TYPED = {
+    "reconstruct frame.png --calibration papr --out o": "paper",
     "frobnicate": "frobnicate",
     f"{FRAME} --bogus": "--bogus",
     f"{FRAME} --every 2": "every",

@@ -34,10 +34,10 @@ def guess(truth, rng):
     return z.astype(np.float32)
 
 
-def papers(z, true, scale=1.0):
+def papers(z, true):
     """AbsRel, RMSE and δ₁ to δ₃ as Monodepth2's own evaluation has them."""
     valid = np.isfinite(true) & (z > 0)
-    z, true = scale * z[valid].astype(np.float64), true[valid]
+    z, true = z[valid].astype(np.float64), true[valid]
     worse = np.maximum(true / z, z / true)
     rmse = np.sqrt(mean_squared_error(true, z))
     below = [(worse < 1.25**n).mean() for n in (1, 2, 3)]

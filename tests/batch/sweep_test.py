@@ -1,52 +1,33 @@
 """Sweeps: one tidy table, on one core, on more, or on a cluster of Dask's."""
 
 import csv
-import subprocess
-import sys
-import time
 from contextlib import nullcontext
 from dataclasses import replace
 
 import joblib
-import psutil
 import pytest
 
 import endolab as el
-from endolab import datasets
 from endolab.batch.sweep import SWEEP_COLUMNS, sweep
 from endolab.workbench.recording.layouts import LAMBDAS
+from tests.tools.cases import drawn
 from tests.tools.recorded import Recorded
 
-BASE = datasets.load_calibration("simple", 64)
-GREEN = replace(BASE.photometry.channel("green"), gain=900.0)
-CALIBRATION = el.Calibration(BASE.camera, GREEN)
-PATIENCE = 120  # seconds after which a test gives up
-KILLED = """
-import sys
-import numpy as np
-import endolab as el
-
-sample = el.load_traced("matt")
-lams = np.geomspace(0.01, 100, 100)
-el.sweep([sample.frame], sample.calibration, width=64, lam=lams, table=sys.argv[1], n_jobs=2)
-"""
-
-
-@pytest.fixture(scope="module")
-def seen():
-    return {
-        name: el.render(el.SCENES[name], BASE.camera, GREEN, noise=1.0)
-        for name in ("plane", "tube")
-    }
+GREEN = el.load_calibration("simple").photometry.channel("green")
+SEEN = [
+    drawn(name, "simple", 64, replace(GREEN, gain=900.0), noise=1.0)
+    for name in ("plane", "tube")
+]
+CALIBRATION = SEEN[0].calibration
 
 
 @pytest.fixture
-def frames(seen):
-    return [el.Frame(one.image, one.mask, name) for name, one in seen.items()]
+def frames():
+    return [one.frame for one in SEEN]
 
 
-def test_each_with_each_is_one_row(frames, seen, tmp_path):
-    truth = [(one.distance, one.normals) for one in seen.values()]
+def test_each_with_each_is_one_row(frames, tmp_path):
+    truth = [(one.distance, one.normals) for one in SEEN]
     path = tmp_path / "t.csv"
     calls = []
     grid = {"lam": (0.1, 1.0), "xi": ("1/d", "d"), "regulariser": ("first", "second")}
@@ -85,12 +66,10 @@ def test_workers_find_the_same(frames, tmp_path, backend):
         )
 
 
-def test_a_recording_has_an_answer_and_its_error_for_each_lambda(
-    frames, seen, tmp_path
-):
+def test_a_recording_has_an_answer_and_its_error_for_each_lambda(frames, tmp_path):
     recording = tmp_path / "lam.rrd"
     how = {"table": tmp_path / "1.csv", "recording": recording, "lam": [0.1, 1, 10]}
-    truth = [(seen["plane"].distance, seen["plane"].normals)]
+    truth = [(SEEN[0].distance, SEEN[0].normals)]
     rows = sweep(frames[:1], CALIBRATION, truth=truth, **how)
     run = el.read_recording(recording)
     assert run.pictured == (0, 1, 2)
@@ -114,24 +93,3 @@ def test_each_xi_has_its_lambdas_found_anew_if_asked(frames, tmp_path):
     runs = el.read_recording(tmp_path / "lam.rrd").runs
     recorded = [x for run in runs.values() for x in run.table()["energy"]]
     assert recorded == pytest.approx([row["energy"] for row in rows])
-
-
-def test_workers_end_with_a_sweep_that_is_killed(tmp_path):
-    table = tmp_path / "t.csv"
-    program = subprocess.Popen([sys.executable, "-c", KILLED, str(table)])
-    end = time.monotonic() + PATIENCE
-    while not table.exists() or table.read_text().count("\n") < 3:
-        assert program.poll() is None
-        assert time.monotonic() < end
-        time.sleep(0.05)
-    workers = psutil.Process(program.pid).children(recursive=True)
-    program.kill()
-    program.communicate()
-    gone, alive = psutil.wait_procs(workers, PATIENCE)
-    for worker in alive:
-        worker.kill()
-    assert (len(gone), alive) == (len(workers), [])
-    with open(table, newline="") as stream:  # the table is whole, however it ended
-        rows = list(csv.DictReader(stream))
-    assert len(rows) >= 2
-    assert all(set(row) == set(SWEEP_COLUMNS) and row["seconds"] for row in rows)

@@ -3,24 +3,18 @@
 import csv
 import json
 import sys
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import endolab as el
-from endolab import datasets
 from endolab.batch.video import reconstruct_video
 from endolab.io.images import write_image
 from endolab.io.video import write_video
-from tests.tools.problems import moved_tube
+from tests.tools.films import UNKNOWN, filmed, moved_tube
 from tests.tools.recorded import Recorded
 
 COUNT = 5
-BASE = datasets.load_calibration("simple", 96)
-UNKNOWN = el.Calibration(
-    BASE.camera, replace(BASE.photometry.channel("green"), gain=None)
-)
 QUICK = {"solver": "facing", "width": 48}
 OUTPUTS = ["endoscope.json", "frames", "frames.csv", "recording.rrd", "report.json"]
 
@@ -28,16 +22,7 @@ OUTPUTS = ["endoscope.json", "frames", "frames.csv", "recording.rrd", "report.js
 @pytest.fixture(scope="module")
 def shots():
     """A camera that goes into a tube while the gain rises, with 1 grey level of noise."""
-    known = UNKNOWN.photometry
-    return [
-        el.render(
-            moved_tube(t),
-            BASE.camera,
-            replace(known, gain=900.0 + 50 * t),
-            **{"noise": 1.0, "bits": 8, "seed": t},
-        )
-        for t in range(COUNT)
-    ]
+    return filmed(map(moved_tube, range(COUNT)), range(900, 900 + 50 * COUNT, 50))
 
 
 @pytest.fixture
@@ -45,7 +30,7 @@ def film(tmp_path, shots):
     folder = tmp_path / "film"
     folder.mkdir()
     for k, one in enumerate(shots):
-        write_image(folder / f"frame_{k}.png", one.image)
+        write_image(folder / f"frame_{k}.png", one.frame.image)
     return folder
 
 
@@ -146,7 +131,7 @@ def test_every_nth_frame_of_a_video_and_only_what_is_inside_the_mask(
 ):
     """Without Rerun there is no recording."""
     monkeypatch.setitem(sys.modules, "rerun", None)
-    write_video(tmp_path / "v.mkv", [one.image for one in shots])
+    write_video(tmp_path / "v.mkv", [one.frame.image for one in shots])
     write_image(tmp_path / "mask.png", np.arange(96) < np.full((72, 1), 48))
     how = {"mask": tmp_path / "mask.png", "every": 2, "limit": 2, "solver": "facing"}
     reconstruct_video(tmp_path / "v.mkv", UNKNOWN, out, **how)
@@ -160,10 +145,13 @@ def test_every_nth_frame_of_a_video_and_only_what_is_inside_the_mask(
 @pytest.mark.parametrize("change", ["lam", "mask", "calibration", "source"])
 def test_other_settings_want_another_folder(film, out, shots, change):
     before = {"source": film, "calibration": UNKNOWN, "mask": None, "lam": 1.0} | QUICK
-    other = {"source": film.with_name("v.mkv"), "calibration": BASE}
+    other = {
+        "source": film.with_name("v.mkv"),
+        "calibration": el.load_calibration("simple", 96),
+    }
     other |= {"mask": film.with_name("m.png"), "lam": 2.0}
     write_image(other["mask"], np.ones((72, 96)))
-    write_video(other["source"], [shots[1].image])
+    write_video(other["source"], [shots[1].frame.image])
     reconstruct_video(**before, out=out, limit=2)
     written = (out / "frames.csv").read_bytes()
     now = before | {change: other[change]}

@@ -33,8 +33,6 @@ SETS = {
     "open": ("random cavities", THRESHOLDS),
 }
 WAYS = {"the default": {}, "green": {"channel": "green"}}
-HEADS = ("frames", "chosen on them", "number")
-HEADS += ("mean %", "median %", "worst %", "normals °")
 
 
 def rows_of(wanted):
@@ -59,4 +57,16 @@ if __name__ == "__main__":
     names = sys.argv[1:] or [name for name in SETS if name != "sealed"]
     rows = [row for name in names for row in rows_of(name)]
     for way in WAYS:
-        table(f"Accuracy: {way}", HEADS, [row for own, row in rows if own == way])
+        table(
+            f"Accuracy: {way}",
+            (
+                "frames",
+                "chosen on them",
+                "number",
+                "mean %",
+                "median %",
+                "worst %",
+                "normals °",
+            ),
+            [row for own, row in rows if own == way],
+        )

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+import endolab as el
 from endolab.metrics.depth_errors import depth_cuts
 from endolab.numerics.compiled import pad_maps
 from endolab.reconstruction.colours import prior_of
@@ -26,7 +27,6 @@ from endolab.reconstruction.settings import Settings
 from endolab.solvers.energy import model_image
 from endolab.solvers.gauss_newton import gauss_newton
 from endolab.solvers.grid import Grid
-from endolab.solvers.result import Iterate
 from tests.benchmarks.frames import cases_of, table
 
 PICTURE = Path(__file__).resolve().parents[2] / "notebooks" / "images" / "causes.png"
@@ -76,7 +76,7 @@ def with_true_light(case, cuts):
     """The picture without its indirect light, cut at the true contours, where the truth is known."""
     settings = Settings(cuts=cuts if cuts.any() else None)
     colours = problem_of_frame(case.frame, case.calibration, settings).colours
-    surface = Iterate(colours[1], 0, np.log(case.distance), {})
+    surface = el.Iterate(colours[1], 0, np.log(case.distance), {})
     lamps = Lamps.of(case.calibration, settings)
     if lamps is not None:
         known = surface.mask & np.isfinite(case.distance)

@@ -4,7 +4,7 @@ Sets are "scenes" of the model, "traced" ones that come with endolab, random one
 are made if need be, published ones, and folders of frames with a description beside each.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 
@@ -12,11 +12,9 @@ import numpy as np
 
 import endolab as el
 from endolab import datasets
-from endolab.metrics.depth_errors import resample_truth
-from endolab.numerics.arrays import FloatArray
 from tests.research import random_frames
 from tests.research.known_surface import measure_light
-from tests.tools.problems import Shot, errors_of
+from tests.tools.cases import Case, drawn, traced
 
 NOMINAL = el.Photometry(2.5, 2.2, None, el.Lambertian((0.75, 0.38, 0.30)))
 # Where they lie, how they are read, which, on how many columns they are solved, degrees off the axis
@@ -27,88 +25,19 @@ PUBLISHED = {
 }
 
 
-@dataclass(frozen=True)
-class Case:
-    """A frame, what is known of its endoscope, and its truth."""
-
-    name: str
-    frame: el.Frame
-    calibration: el.Calibration
-    distance: FloatArray
-    normals: FloatArray | None = None
-    align: str = "none"  # "scale" where the gain is unknown
-    max_angle: float = 90.0  # degrees from the axis that are scored
-    # (H, W, 3), what is not direct over direct light, if known
-    indirect_ratio: FloatArray | None = None
-
-    @property
-    def scored(self):
-        """Pixels that are scored."""
-        cosine = np.nan_to_num(self.calibration.camera.field.cos_alpha, nan=-1.0)
-        return cosine > np.cos(np.deg2rad(self.max_angle))
-
-    def solve(self, **options):
-        """Reconstruct the frame."""
-        return el.reconstruct(self.frame, self.calibration, **options)
-
-    def errors_of(self, result):
-        """How far a result is from the truth."""
-        scored = self.scored & result.problem.mask
-        return errors_of(result, self, mask=scored, align=self.align)
-
-    def percent(self, **options):
-        """Mean error of the distance, solved with these options, %."""
-        return self.errors_of(self.solve(**options)).mean_percent
-
-    def resize(self, width):
-        """The same frame on fewer pixels, of this width at most."""
-        if self.frame.width <= width:
-            return self
-        height = round(self.frame.height * width / self.frame.width)
-        normals = self.normals
-        if normals is not None:
-            with np.errstate(invalid="ignore"):
-                normals = resample_truth(normals, (height, width))
-        return replace(
-            self,
-            frame=self.frame.resize(width, height, self.calibration.photometry.gamma),
-            calibration=self.calibration.resize(width, height),
-            distance=resample_truth(self.distance, (height, width)),
-            normals=normals,
-        )
-
-
 def cases_of(wanted):
     """The frames of a set; none if its folder is not here."""
     folder = datasets.data_folder() or Path("nowhere")
     if wanted == "scenes":
-        known = datasets.load_calibration("simple")
-        for name in el.SCENES:
-            shot = Shot(name, known)
-            truth = shot.truth.distance, shot.truth.normals
-            yield Case(name, shot.frame, shot.calibration, *truth)
+        yield from map(drawn, el.SCENES)
     elif wanted == "traced":
-        yield from map(_traced, map(el.load_traced, datasets.TRACED))
+        yield from map(traced, datasets.TRACED)
     elif wanted in random_frames.SETS:
-        yield from map(_traced, random_frames.frames(wanted))
+        yield from map(traced, random_frames.frames(wanted))
     elif wanted.removesuffix("_nominal") in PUBLISHED:
         yield from _published(wanted, folder)
     else:
         yield from map(_described, sorted((folder / wanted).glob("*.json")))
-
-
-def _traced(sample):
-    """A path-traced frame, at true scale."""
-    others = sample.indirect + sample.mirrored[..., None]
-    ratio = others / np.maximum(sample.direct, 0.05 * others + 1e-9)
-    return Case(
-        sample.frame.name,
-        sample.frame,
-        sample.calibration,
-        sample.distance,
-        sample.normals,
-        indirect_ratio=np.nan_to_num(ratio),
-    )
 
 
 def _described(path):

@@ -4,21 +4,20 @@ Not a test: it asserts nothing and depends on the machine.
 """
 
 import time
+from dataclasses import replace
 from statistics import median
 
 from endolab import datasets
-from tests.benchmarks.frames import Case, cases_of, table
-from tests.tools.problems import Shot
+from tests.benchmarks.frames import cases_of, table
+from tests.tools.cases import Case, drawn
 
 REPEATS = 7
 
 
 def frames():
     """The guide's frames, each on the pixels that it names, as far as they are here."""
-    shot = Shot("colon", datasets.load_calibration("paper", 320))
-    yield Case("the demo's colon", shot.frame, shot.calibration, shot.truth.distance)
-    wanted = {"traced": "matt", "rendered": "colon_pinhole"}
-    for name, own in wanted.items():
+    yield replace(drawn("colon", "paper", 320), name="the demo's colon")
+    for name, own in (("traced", "matt"), ("rendered", "colon_pinhole")):
         yield from (case for case in cases_of(name) if case.name == own)
     folder = datasets.data_folder()
     if folder and (folder / "c3vd_trans_t1_a").is_dir():

@@ -1,60 +1,47 @@
 """Whether left is right: the surfaces of turned frames against the frame's own; a table in Markdown.
 
-    python -m tests.benchmarks.turned [WIDTH]
+    python -m tests.benchmarks.turned
 
 Of drawn and of traced frames, uncut and cut: by how much the distances differ at the 99th percentile, and the
 mean error of each. What halves rows and columns shares an odd number of them out from the first on: there the
 surfaces differ by what convergence leaves. No test: it takes a minute.
 """
 
-import sys
+from dataclasses import replace
 
 import numpy as np
 
-import endolab as el
 from tests.benchmarks.frames import table
-from tests.tools.problems import Shot
-from tests.tools.turns import TURNS, solve_turned
+from tests.tools.cases import drawn, traced
+from tests.tools.problems import percent_off
+from tests.tools.turns import TURNS, turned
 
-HEADS = ("frame", "", "error %", *TURNS)
+WIDTH = 240  # px
 
 
-def frames_of(width):
-    """Yield name, frame, calibration and true distance (H, W)."""
+def cases():
+    """Yield the frames."""
     for noise in (0.0, 1.0):
-        shot = Shot("colon", el.load_calibration("simple", width), noise=noise, bits=8)
-        yield (
-            f"colon, noise {noise:g}",
-            shot.frame,
-            shot.calibration,
-            shot.truth.distance,
-        )
+        case = drawn("colon", "simple", WIDTH, noise=noise, bits=8)
+        yield replace(case, name=f"colon, noise {noise:g}")
     for name in ("matt", "wet-1"):
-        sample = el.load_traced(name)
-        height = width * 3 // 4
-        known = sample.calibration.resize(width, height)
-        truth = sample.scene.distance(known.camera.field.rays)
-        yield name, sample.frame.resize(width, height, 2.2), known, truth
+        yield traced(name).resize(WIDTH)
 
 
-def rows_of(width):
+def rows():
     """A row for each frame, uncut and cut."""
-    for name, frame, known, truth in frames_of(width):
+    for case in cases():
         for contours in (False, None):
-            upright = el.reconstruct(frame, known, contours=contours)
-
-            def error(result, true):
-                return 100 * np.nanmean(np.abs(result.distance / true - 1))
-
-            row = [f"{error(upright, truth):.2f}"]
-            for turned, turn in TURNS.items():
-                found = solve_turned(frame, known, turned, contours=contours)
+            upright = case.solve(contours=contours)
+            row = [f"{percent_off(upright, case):.2f}"]
+            for name, turn in TURNS.items():
+                there = turned(case, name)
+                found = there.solve(contours=contours)
                 moved = np.abs(np.log(found.distance / turn(upright.distance)))
                 off = 100 * np.nanpercentile(moved, 99)
-                row.append(f"{off:.2g} %, {error(found, turn(truth)):.2f}")
-            yield [name, "uncut" if contours is False else "cut", *row]
+                row.append(f"{off:.2g} %, {percent_off(found, there):.2f}")
+            yield [case.name, "uncut" if contours is False else "cut", *row]
 
 
 if __name__ == "__main__":
-    width = int(sys.argv[1]) if len(sys.argv) > 1 else 240
-    table(f"Turned frames, {width} columns", HEADS, rows_of(width))
+    table(f"Turned frames, {WIDTH} columns", ("frame", "", "error %", *TURNS), rows())

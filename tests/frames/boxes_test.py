@@ -5,7 +5,6 @@ import pytest
 from numpy.testing import assert_array_equal
 
 import endolab as el
-from endolab import datasets
 from endolab.frames.boxes import find_box
 
 
@@ -42,7 +41,7 @@ def test_a_box_is_found_where_it_is_and_left_out_if_it_is_flat(
     assert el.Frame(image, everywhere).box_share == 0
 
 
-@pytest.mark.parametrize("name", datasets.TRACED)
+@pytest.mark.parametrize("name", el.datasets.TRACED)
 def test_a_wall_has_no_box(name):
     frame = el.load_traced(name).frame
     assert find_box(frame.image, frame.mask) is None

@@ -5,22 +5,20 @@ import numpy as np
 import pytest
 
 import endolab as el
-from endolab import datasets
 from endolab.frames.surround import field_of_view, surround_doubts
 
 HIGH = 360
 WIDE = 480
 BLACK = (0, 0, 0)
-BLUE = (20, 20, 160)
 ROW, COLUMN = np.indices((HIGH, WIDE))
 DOWN = np.abs(ROW - (HIGH - 1) / 2)
 ACROSS = np.abs(COLUMN - (WIDE - 1) / 2)
 DISC = np.hypot(ACROSS, DOWN) < 165
-TOP_LEFT = [(6, 30), (6, 52), (6, 74)]
 SHAPES = {
     "disc": DISC,
     "cut disc": np.hypot(ACROSS, DOWN) < 215,
     "octagon": (ACROSS < 225) & (DOWN < 170) & (ACROSS + DOWN < 300),
+    "small octagon": (ACROSS < 168) & (DOWN < 168) & (ACROSS + DOWN < 240),
     "third": np.hypot(ACROSS, DOWN) < 75,
     "aside": np.hypot(COLUMN - 130, ROW - 140) < 75,
     "rounded": np.hypot(np.maximum(ACROSS - 150, 0), np.maximum(DOWN - 90, 0)) < 75,
@@ -31,7 +29,7 @@ SHAPES = {
 def wall():
     """A colon that fills the picture, grey levels."""
     camera = el.Pinhole(WIDE, HIGH, 230.0, 230.0, 239.5, 179.5)
-    light = datasets.load_calibration("paper", width=WIDE).photometry
+    light = el.load_calibration("paper", width=WIDE).photometry
     return 255 * el.render(el.SCENES["colon"], camera, light, bits=8, texture=0.1).image
 
 
@@ -53,83 +51,70 @@ def assert_found(levels, inside, soft=0):
     assert (deep & ~shown).sum() <= 0.02 * inside.sum()
 
 
-def sharp(shape):
+def show(
+    wall,
+    rng,
+    level,
+    shape="disc",
+    fades=False,
+    boxes=(),
+    text=(),
+    size=0.4,
+    soft=0,
+    noise=0.0,
+    quality=None,
+):
+    """A wall, which may fade, in a surround with boxes and text; noise, and the marks of a codec."""
     inside = SHAPES[shape]
-    return lambda wall, rng, level: (surrounded(wall, inside, level), inside)
-
-
-def blurred(noise, soft, quality=100):
-    """With noise, an edge that is `soft` px wide, and the marks of a codec."""
-    strength = np.where(DISC, min(noise, 3), noise)[..., None]
-
-    def show(wall, rng, level):
-        image = surrounded(wall, DISC, level, soft)
-        image += strength * rng.normal(size=image.shape)
-        stored = np.clip(np.round(image), 0, 255).astype(np.uint8)
-        how = (cv2.IMWRITE_JPEG_QUALITY, quality)
-        jpeg = cv2.imencode(".jpg", stored, how)[1]
-        return cv2.imdecode(jpeg, cv2.IMREAD_COLOR), DISC, soft
-
-    return show
-
-
-def with_text(*boxes, inside=DISC, size=0.4, places=TOP_LEFT):
-    """Text and boxes on the surround belong to it."""
-
-    def show(wall, rng, level):
-        around = np.full(wall.shape, level, dtype=np.uint8)
-        for *box, colour in boxes:
-            cv2.rectangle(around, box, colour, cv2.FILLED)
-        for place in places:
-            cv2.putText(
-                around, "12/04/26", place, cv2.FONT_HERSHEY_SIMPLEX, size, (230,) * 3
-            )
-        return surrounded(wall, inside, around), inside
-
-    return show
-
-
-def in_corners(width, colour):
-    """Text, or boxes, in the four corners around an octagon."""
-    corners = [(x, y) for x in (0, WIDE - 90) for y in (0, HIGH - 30)]
-    return with_text(
-        *((*corner, width, 30, colour) for corner in corners),
-        inside=(ACROSS < 168) & (DOWN < 168) & (ACROSS + DOWN < 240),
-        size=0.6,
-        places=[(x + 2, y + 14) for x, y in corners],
+    if fades:  # by and by as dark as a surround, and darker
+        away = np.clip((np.hypot(ROW - 250, COLUMN - 350) - 40) / 60, 0, 1)
+        wall = np.maximum(wall * away[..., None] ** 1.5, (11, 9, 8))
+    around = np.full(wall.shape, level, np.uint8)
+    for *box, colour in boxes:
+        cv2.rectangle(around, box, colour, cv2.FILLED)
+    for place in text:
+        font = cv2.FONT_HERSHEY_SIMPLEX
+        cv2.putText(around, "12/04/26", place, font, size, (230,) * 3)
+    image = surrounded(wall, inside, around, soft)
+    if quality is None:
+        return image
+    image += np.where(inside, min(noise, 3), noise)[..., None] * rng.normal(
+        size=wall.shape
     )
+    grey_levels = np.uint8(np.clip(np.round(image), 0, 255))
+    jpeg = cv2.imencode(".jpg", grey_levels, (cv2.IMWRITE_JPEG_QUALITY, quality))[1]
+    return cv2.imdecode(jpeg, cv2.IMREAD_COLOR)
 
 
-def fading(wall, rng, level):
-    """By and by the wall becomes as dark as a surround, and darker."""
-    away = np.clip((np.hypot(ROW - 250, COLUMN - 350) - 40) / 60, 0, 1)
-    dark = np.maximum(wall * away[..., None] ** 1.5, (11, 9, 8))
-    noise = rng.normal(size=wall.shape)
-    return np.round(surrounded(dark, DISC, level) + noise), DISC
-
-
+TOP_LEFT = {"text": [(6, 30), (6, 52), (6, 74)]}
+CORNERS = [(x, y) for x in (0, WIDE - 90) for y in (0, HIGH - 30)]
+IN_CORNERS = {"shape": "small octagon", "size": 0.6}
+IN_CORNERS["text"] = [(x + 2, y + 14) for x, y in CORNERS]
 SHOWN = {
-    **{shape: sharp(shape) for shape in SHAPES},
-    "noise": blurred(3, 0),
-    "a codec": blurred(8, 2, 75),
-    "more noise": blurred(13, 0),
-    "soft": blurred(0, 6),
-    "soft, a codec": blurred(3, 6, 75),
-    "text": with_text(),
-    "column": with_text((0, 0, 50, HIGH, (60, 60, 90))),
-    "scale bar": with_text((439, 60, 2, 240, (230, 230, 230))),
-    "corner": with_text((0, 300, 60, 60, (200, 120, 30))),
-    "bars": with_text((0, 0, 30, HIGH, BLACK), (WIDE - 30, 0, 30, HIGH, BLACK)),
-    "fading": fading,
-    "text in corners": in_corners(0, BLACK),
-    "boxes in corners": in_corners(90, (50, 80, 200)),
+    **{shape: {"shape": shape} for shape in SHAPES},
+    "noise": {"noise": 3, "quality": 100},
+    "a codec": {"noise": 8, "soft": 2, "quality": 75},
+    "more noise": {"noise": 13, "quality": 100},
+    "soft": {"soft": 6, "quality": 100},
+    "soft, a codec": {"noise": 3, "soft": 6, "quality": 75},
+    "text": TOP_LEFT,
+    "column": TOP_LEFT | {"boxes": [(0, 0, 50, HIGH, (60, 60, 90))]},
+    "scale bar": TOP_LEFT | {"boxes": [(439, 60, 2, 240, (230, 230, 230))]},
+    "corner": TOP_LEFT | {"boxes": [(0, 300, 60, 60, (200, 120, 30))]},
+    "bars": TOP_LEFT | {"boxes": [(x, 0, 30, HIGH, BLACK) for x in (0, WIDE - 30)]},
+    "fading": {"fades": True, "noise": 1, "quality": 100},
+    "text in corners": IN_CORNERS,
+    "boxes in corners": IN_CORNERS
+    | {"boxes": [(*corner, 90, 30, (50, 80, 200)) for corner in CORNERS]},
 }
 
 
 @pytest.mark.parametrize("name", SHOWN)
 def test_a_surround_of_any_level_is_left_out_and_the_wall_stays(wall, rng, name):
-    for level in (0, 4, 8, 16, 32, 64, 128, 200, 255, BLUE):
-        assert_found(*SHOWN[name](wall, rng, np.array(level)))
+    how = SHOWN[name]
+    for level in (0, 4, 8, 16, 32, 64, 128, 200, 255, (20, 20, 160)):
+        image = show(wall, rng, level, **how)
+        assert_found(image, SHAPES[how.get("shape", "disc")], how.get("soft", 0))
 
 
 def test_a_picture_that_a_wall_fills_has_no_surround(wall):
@@ -174,7 +159,7 @@ def test_a_mask_that_keeps_a_crescent_of_the_surround_loses_it(wall):
 @pytest.mark.parametrize(("soft", "named"), [(0.0, False), (0.47, True), (1.0, False)])
 def test_a_surround_that_is_unsure_is_kept_and_named(soft, named):
     """The wall fades into a surround of 16 along a share of the rim, as shading does."""
-    light = datasets.load_calibration("paper", width=WIDE).photometry
+    light = el.load_calibration("paper", width=WIDE).photometry
     camera = el.Pinhole(240, 180, 200.0, 200.0, 119.5, 89.5)
     image = 255 * el.render(el.SCENES["tube"], camera, light, bits=8).image
     row, column = np.indices(image.shape[:2])

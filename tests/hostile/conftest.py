@@ -12,11 +12,9 @@ import numpy as np
 import pytest
 
 import endolab as el
-from endolab.calibration.targets import TARGETS
 from endolab.cli.main import main
 from endolab.io.datasets import traced
 from endolab.io.settings import SolvingSettings, write_settings
-from endolab.io.video import open_frames
 from endolab.numerics.checked_types import to_content
 
 # Of every damage; `make attack` asks for more.
@@ -103,7 +101,9 @@ def given(tmp_path_factory):
         np.save("other.npy", z)
         cv2.imwrite("other.tiff", z)
         shutil.copy(traced.FOLDER / "matt.npz", "traced.npz")
-        Path("target.json").write_text(json.dumps(to_content(TARGETS["vicalib_grey"])))
+        Path("target.json").write_text(
+            json.dumps(to_content(el.TARGETS["vicalib_grey"]))
+        )
         wishes = SolvingSettings({"lam": 1.0, "xi": "d"}, {"k": 2.0})
         write_settings(wishes, "settings.json")
         for name, text in CALIBRATIONS.items():
@@ -130,7 +130,7 @@ def whole(path):
         case ".png":
             return cv2.imread(str(path)) is not None
         case ".mkv":
-            return all(image is not None for _, image in open_frames(path))
+            return all(image is not None for _, image in el.open_frames(path))
         case ".rrd":
             return el.read_recording(path) is not None
         case ".html":

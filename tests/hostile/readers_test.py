@@ -20,7 +20,6 @@ from endolab.io.descriptions import read_target
 from endolab.io.images import read_image, read_mask
 from endolab.io.settings import read_settings
 from endolab.io.surfaces import read_depth
-from endolab.io.video import open_frames
 from tests.hostile.conftest import CALIBRATIONS, EXAMPLES, run, sentences
 from tests.hostile.damage import damaged_arrays, damaged_bytes, damaged_json
 
@@ -28,8 +27,8 @@ MOST_MEMORY = 600  # MB that reading a small file may take
 READERS = {
     "mask.png": read_mask,
     "0042_depth.png": true_z,
-    "video.mkv": lambda path: list(open_frames(path)),
-    "video.avi": lambda path: list(open_frames(path)),
+    "video.mkv": lambda path: list(el.open_frames(path)),
+    "video.avi": lambda path: list(el.open_frames(path)),
     "depth.npz": read_depth,
     "other.npz": read_depth_map,
     "other.npy": read_depth_map,
@@ -41,12 +40,6 @@ READERS = {
 }
 READERS |= dict.fromkeys(("frame.png", "deep.png", "frame.jpg"), read_image)
 READERS |= dict.fromkeys(CALIBRATIONS, el.load_calibration)
-
-
-def peak():
-    """The most memory that this process has had, MB, since it was told to forget."""
-    status = Path("/proc/self/status").read_text()
-    return int(re.search(r"VmHWM:\s+(\d+)", status)[1]) / 1024
 
 
 def damages(path):
@@ -71,8 +64,10 @@ def test_what_is_damaged_is_taken_or_refused_in_one_sentence(name, given, tmp_pa
         except (ValueError, OSError, MemoryError) as error:
             assert str(path) in str(error)  # noqa: PT017
             assert "\n" not in str(error)  # noqa: PT017
-        if Path("/proc/self/status").exists():
-            assert peak() - before < MOST_MEMORY
+        status = Path("/proc/self/status")
+        if status.exists():
+            peak = int(re.search(r"VmHWM:\s+(\d+)", status.read_text())[1]) / 1024
+            assert peak - before < MOST_MEMORY
 
     attack()
 

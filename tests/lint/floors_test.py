@@ -2,9 +2,8 @@
 
 import ast
 import re
+from graphlib import TopologicalSorter
 from pathlib import Path
-
-from tests.tools import structure
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "endolab"
@@ -25,7 +24,6 @@ ORDER = [
     "cli",
 ]
 CORE = ORDER[: ORDER.index("io")]
-MOST_LEVELS = 9
 
 UPSTAIRS_ONLY = {
     "rerun",
@@ -77,21 +75,61 @@ def complaints(source):
             yield from (f"calls {call}" for call in {name} & FILE_CALLS)
 
 
-def test_no_import_runs_back_up():
-    assert structure.upward(structure.imports(PACKAGE), ORDER) == []
+def modules():
+    """Files of the package's modules, by their dotted names below it; its own faces left out."""
+    return {
+        ".".join(path.relative_to(PACKAGE).with_suffix("").parts): path
+        for path in sorted(PACKAGE.rglob("*.py"))
+        if path.stem != "__init__"
+    }
 
 
-def test_nothing_imports_in_a_circle():
-    assert structure.circle(structure.imports(PACKAGE)) == []
+def imported(node):
+    """Names that a statement imports."""
+    if isinstance(node, ast.Import):
+        return [alias.name for alias in node.names]
+    if isinstance(node, ast.ImportFrom) and node.level == 0:
+        return [f"{node.module}.{alias.name}" for alias in node.names]
+    return []
 
 
-def test_the_house_is_not_too_high():
-    levels = structure.levels(structure.by_folder(structure.imports(PACKAGE)))
-    assert max(levels[folder] for folder in ORDER) <= MOST_LEVELS
+def imports():
+    """Which modules of the package each of its modules imports, inside functions and for types, too.
+
+    A name that is taken from a folder's face counts as the folder.
+    """
+    known = modules()
+    graph = {module: set() for module in known}
+    for module, path in known.items():
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            for name in imported(node):
+                start, *parts = name.split(".")
+                # The longest part of the name that is a module, or else a folder.
+                ends = [".".join(parts[:n]) for n in range(len(parts), 0, -1)]
+                found = [end for end in ends if end in known]
+                found += [
+                    end for end in ends if (PACKAGE / end.replace(".", "/")).is_dir()
+                ]
+                if start == PACKAGE.name and found and found[0] != module:
+                    graph[module].add(found[0])
+    return graph
+
+
+def folder_of(module):
+    return module.split(".")[0]
+
+
+def test_imports_run_down_and_in_no_circle():
+    graph = imports()
+    TopologicalSorter(graph).prepare()
+    floors = {folder: number for number, folder in enumerate(ORDER)}
+    for module, others in graph.items():
+        floor = floors.get(folder_of(module), len(ORDER))  # the top imports all
+        assert [o for o in others if floors.get(folder_of(o), 0) > floor] == [], module
 
 
 def test_no_import_hides_where_it_leads():
-    for path in structure.modules(PACKAGE).values():
+    for path in modules().values():
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             assert not getattr(node, "level", 0), f"{path}: relative"
             text = ast.unparse(node) if isinstance(node, ast.Call) else ""
@@ -112,8 +150,8 @@ def test_no_test_imports_another_test():
 
 
 def test_the_core_knows_neither_files_nor_people():
-    for name, path in structure.modules(PACKAGE).items():
-        if structure.folder_of(name) in CORE:
+    for name, path in modules().items():
+        if folder_of(name) in CORE:
             found = set(complaints(path.read_text(encoding="utf-8")))
             assert found <= BORROWED.get(name, set()), name
 

@@ -21,13 +21,6 @@ LINK = re.compile(r"\]\(([^)\s]+)\)")  # its target
 # Of an answer, in a cell; of a solution.
 CHECK = re.compile(r"^check\.(\w+)\(", re.MULTILINE)
 CHECKED = re.compile(r"^assert check\.(\w+)\(", re.MULTILINE)
-# of a notebook
-MOST_CELLS = 40
-MOST_WORDS = 1800
-MOST_CODE = 220
-# of a cell
-MOST_LINES = 15
-MOST_COLUMNS = 110
 NO_PROSE = re.compile(
     r"```.*?```|\$\$.*?\$\$|\$[^$]*\$", re.DOTALL
 )  # code and formulas
@@ -105,16 +98,16 @@ def test_it_opens_by_saying_what_one_will_do_learn_and_need(cells):
 
 
 def test_it_keeps_to_its_budget(cells):
-    assert len(cells) <= MOST_CELLS
+    assert len(cells) <= 40
     prose = NO_PROSE.sub(" ", "\n\n".join(texts_of(cells, "markdown")))
-    assert sum(any(map(str.isalpha, word)) for word in prose.split()) <= MOST_WORDS
+    assert sum(any(map(str.isalpha, word)) for word in prose.split()) <= 1800
     assert (
         sum(bool(line.strip()) for text in code_of(cells) for line in text.splitlines())
-        <= MOST_CODE
+        <= 220
     )
     for text in code_of(cells):
-        assert len(text.splitlines()) <= MOST_LINES, text
-        assert max(map(len, text.splitlines())) <= MOST_COLUMNS, text
+        assert len(text.splitlines()) <= 15, text
+        assert max(map(len, text.splitlines())) <= 110, text
 
 
 def test_it_defines_no_class_and_no_solver(cells):

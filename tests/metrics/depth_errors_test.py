@@ -60,15 +60,6 @@ def test_median_scale_undoes_a_factor_and_tolerates_outliers():
     assert errors.mean_percent == pytest.approx(400 / 5)
 
 
-def test_shares_within_125():
-    """Ratios of 1.2, 1/1.2, 1.5, 1/1.6 and 2."""
-    truth = np.full((1, 5), 30.0)
-    estimate = truth * [1.2, 1 / 1.2, 1.5, 1 / 1.6, 2.0]
-    errors = compare(estimate, truth, np.ones((1, 5)))
-    shares = errors.within_125, errors.within_125_squared, errors.within_125_cubed
-    assert shares == pytest.approx((40, 60, 80))
-
-
 def test_no_affine_estimate_is_nearer_than_all_of_the_truth():
     """The line through the middle ones leaves the first at -60 mm."""
     truth = np.array([[5.0, *np.linspace(10, 20, 500)]])

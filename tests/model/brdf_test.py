@@ -8,7 +8,6 @@ from endolab.model.brdf import Glossy, Lambertian, TabulatedBRDF
 
 TABLE = TabulatedBRDF((0.1, 0.4, 0.9, 1.3), (0.30, 0.26, 0.20, 0.05))
 BRDFS = {"matt": Lambertian(0.5), "table": TABLE, "glossy": Glossy(0.5, 0.02, 40.0)}
-every_brdf = pytest.mark.parametrize("brdf", BRDFS.values(), ids=BRDFS)
 COSINE, WEIGHT = np.polynomial.legendre.leggauss(2000)
 # on the hemisphere, dω = 2π d(cos)
 COSINE = 0.5 * (COSINE + 1)
@@ -35,7 +34,7 @@ def test_a_table_is_linear_in_the_angle_and_constant_beyond():
     assert_allclose(TABLE.value(np.ones(8), np.cos(theta)), expected, atol=1e-14)
 
 
-@every_brdf
+@pytest.mark.parametrize("brdf", BRDFS.values(), ids=BRDFS)
 def test_the_slope_is_the_derivative(brdf):
     cosine = np.linspace(0.03, 0.97, 1500)
     step = 1e-6

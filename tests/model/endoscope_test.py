@@ -46,15 +46,13 @@ def test_the_example_loads(tmp_path):
     light = el.Photometry(2.5, 2.2, None, el.Lambertian((0.75, 0.38, 0.30)))
     assert calibration == el.Calibration(camera, light, {})
     content = json.loads(EXAMPLE)
-    content["photometry"]["lights"] = []
-    assert json.loads(json.dumps(calibration.to_dict())) == content | {"evidence": {}}
     del content["photometry"]["brdf"]["albedo"], content["photometry"]["gain"]
     found = el.Calibration.from_dict(content).photometry
     assert found == replace(light, brdf=el.Lambertian(1.0))
 
 
 @pytest.mark.parametrize("camera", CAMERAS, ids=lambda camera: camera.model)
-@pytest.mark.parametrize("brdf", BRDFS.values(), ids=BRDFS.keys())
+@pytest.mark.parametrize("brdf", BRDFS.values(), ids=BRDFS)
 def test_what_is_saved_loads_unchanged(tmp_path, camera, brdf):
     for lights, gain in (((), None), (SPOTS, 1234.5678901234567)):
         evidence = {"from": "é", "sd": [1.5, {"k": 0.1}]} if lights else {}

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+import endolab as el
 from endolab.model.brdf import Glossy, Lambertian, TabulatedBRDF
 from endolab.model.lights import SpotLight
-from endolab.model.photometry import Photometry
 
 BRDFS = {
     "matt": Lambertian(0.6),
@@ -21,26 +21,25 @@ THREE_LIGHTS = (
     SpotLight((-3.0, 2.0, 0.0), (0.0, -0.2, 1.0), 0.8, 0.3),
     SpotLight((0.5, -4.0, 0.3), (0.0, 0.1, 1.0), 2.0, 0.4),
 )
-every_brdf = pytest.mark.parametrize("brdf", BRDFS.values(), ids=BRDFS.keys())
 
 
-def surface(rng, count=60, max_slant=70.0):
+def surface(rng, max_slant=70.0):
     """Random points in front of the camera and normals, with distance, slant angle and cos α."""
-    points = rng.uniform([-40, -40, 20], [40, 40, 90], (count, 3))
+    points = rng.uniform([-40, -40, 20], [40, 40, 90], (60, 3))
     distance = np.linalg.norm(points, axis=-1)
     view = -points / distance[:, None]
-    side = np.cross(view, rng.normal(size=(count, 3)))
+    side = np.cross(view, rng.normal(size=(60, 3)))
     side /= np.linalg.norm(side, axis=-1, keepdims=True)
-    theta = np.deg2rad(rng.uniform(3, max_slant, count))
+    theta = np.deg2rad(rng.uniform(3, max_slant, 60))
     normals = np.cos(theta)[:, None] * view + np.sin(theta)[:, None] * side
     return points, normals, distance, theta, points[:, 2] / distance
 
 
-def model(brdf=BRDFS["matt"], lights=(), k=2.5, gamma=2.2, gain=3000.0):
-    return Photometry(k, gamma, gain, brdf, lights)
+def model(brdf=BRDFS["matt"], lights=(), k=2.5):
+    return el.Photometry(k, 2.2, 3000.0, brdf, lights)
 
 
-@every_brdf
+@pytest.mark.parametrize("brdf", BRDFS.values(), ids=BRDFS)
 def test_simplified_is_the_general_model_with_the_light_at_the_centre(rng, brdf):
     points, normals, distance, theta, cos_alpha = surface(rng)
     f = brdf.value(np.cos(theta), np.cos(theta))

@@ -5,24 +5,22 @@ import pytest
 from numpy.testing import assert_array_equal
 from scipy.ndimage import binary_erosion
 
-from endolab.io.datasets import load_calibration
+import endolab as el
 from endolab.metrics import angle_between
 from endolab.model import surface
-from endolab.model.cameras import BrownConrady, KannalaBrandt, Pinhole
 from endolab.synthetic.scenes import SCENES, Tube
 
 CAMERAS = {
-    "pinhole": Pinhole(160, 120, 100.0, 100.0, 79.5, 59.5),
-    "brown_conrady": BrownConrady(
+    "pinhole": el.Pinhole(160, 120, 100.0, 100.0, 79.5, 59.5),
+    "brown_conrady": el.BrownConrady(
         160, 120, 110.0, 110.0, 79.5, 59.5, (-0.33, 0.1, 2e-3, 0.0)
     ),
-    "kannala_brandt": load_calibration("paper", 240).camera,
-    "scaramuzza": load_calibration("c3vd", 225).camera,
-    "beyond 90°": KannalaBrandt(
+    "kannala_brandt": el.load_calibration("paper", 240).camera,
+    "scaramuzza": el.load_calibration("c3vd", 225).camera,
+    "beyond 90°": el.KannalaBrandt(
         240, 240, 60.0, 60.0, 119.5, 119.5, (0.01, 0.0, 0.0, 0.0)
     ),
 }
-every_camera = pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS.keys())
 
 
 def seen(scene, camera):
@@ -38,7 +36,7 @@ def seen(scene, camera):
     return np.where(mask, np.log(distance), np.nan), exact, mask
 
 
-@every_camera
+@pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS)
 @pytest.mark.parametrize("name", ["plane", "curved", "tube"])
 def test_normals_of_exact_scenes(name, camera):
     v, exact, mask = seen(SCENES[name], camera)

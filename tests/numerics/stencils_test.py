@@ -100,18 +100,6 @@ def test_second_differences_of_a_quadratic():
     assert not mixed[-1].any()
 
 
-def test_the_norm_is_the_same_whichever_way_a_map_is_turned(worn):
-    f, mask, cuts = worn
-    operator = differences
-    norm = np.linalg.norm(operator(f, mask, cuts), axis=0)
-    mirrored = cuts[..., ::-1].copy()
-    mirrored[0] = np.roll(mirrored[0], -1, axis=1)
-    aside = operator(f[:, ::-1], mask[:, ::-1], mirrored)
-    assert_allclose(np.linalg.norm(aside, axis=0)[:, ::-1], norm, atol=1e-14)
-    turned = operator(f.T, mask.T, cuts[::-1].transpose(0, 2, 1))
-    assert_allclose(np.linalg.norm(turned, axis=0).T, norm, atol=1e-14)
-
-
 @every_operator
 def test_cuts_tear_a_map_into_maps_of_their_own(rng, worn, operator):
     """Cut along a patchwork's seams, each patch has the derivatives that it has as a mask of its own."""

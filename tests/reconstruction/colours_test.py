@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal, assert_array_less
 
 import endolab as el
 from endolab.model.photometry import CHANNELS
@@ -71,7 +72,7 @@ def test_factor_and_lamp_are_found(known, lamp):
     assert found.factor == pytest.approx(1.1, abs=0.12)
     assert found.lamp == pytest.approx(lamp, abs=0.3)
     assert found.misfit < 0.02
-    np.testing.assert_allclose(found.albedo, ALBEDO, rtol=0.08)
+    assert_allclose(found.albedo, ALBEDO, rtol=0.08)
     assert found.outcome is LightOutcome.REMOVED
 
 
@@ -110,9 +111,7 @@ def test_tint_tells_where_more_or_less_bounced(known, wrong):
     least, most = sorted(((1 / wrong) ** 0.35, 1 / wrong))
     assert least - 0.02 < mended < most + 0.02
     assert kept == pytest.approx(1, abs=0.02)
-    np.testing.assert_array_equal(
-        refine_per_pixel(made, true, replace(light, reason="why")), true
-    )
+    assert_array_equal(refine_per_pixel(made, true, replace(light, reason="why")), true)
 
 
 @pytest.mark.parametrize("x", [(0.9, 0.7), (2.2, 0.1), (0.3, 0.9)])
@@ -128,6 +127,4 @@ def test_derivatives_are_those_of_differences(known, x, albedo):
         (at(x + step)[0] - at(x - step)[0]) / 2e-6 for step in 1e-6 * np.eye(5)
     ]
     most = np.abs(differences).max(axis=1)
-    np.testing.assert_array_less(
-        np.abs(at(x)[1].T - differences).max(axis=1), 2e-5 * most
-    )
+    assert_array_less(np.abs(at(x)[1].T - differences).max(axis=1), 2e-5 * most)

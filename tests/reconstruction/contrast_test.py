@@ -5,20 +5,21 @@ import pytest
 
 import endolab as el
 from endolab.reconstruction.contrast import explained_share, noise_left
-from endolab.solvers.result import Iterate
-from tests.tools.problems import Shot, at_truth
+from tests.tools.cases import drawn
+from tests.tools.problems import at_truth
 
 LAMS = (0.1, 1.0, 10.0, 100.0)
 
 
-@pytest.fixture(scope="module")
-def explained():
-    shot = Shot("colon", el.load_calibration("paper", width=160))
+def explained_by(lams, **noise):
+    """What a colon's surfaces explain."""
+    colon = drawn("colon", "paper", 160, **noise)
     how = {"channel": "grey", "contours": False}
-    return [el.explained_contrast(shot.reconstruct(lam=lam, **how)) for lam in LAMS]
+    return [el.explained_contrast(colon.solve(lam=lam, **how)) for lam in lams]
 
 
-def test_it_falls_as_lam_grows(explained):
+def test_it_falls_as_lam_grows():
+    explained = explained_by(LAMS)
     assert explained[0] > 0.99
     assert np.all(np.diff(explained) < 0)
 
@@ -27,7 +28,7 @@ def test_it_falls_as_lam_grows(explained):
 def test_noise_counts_as_explained(noise):
     """The true surface explains all, and one that is bright alike everywhere nothing, whatever the noise."""
     problem, truth = at_truth("curved", noise=noise, bits=8)
-    truth = el.Result(Iterate.of(problem, truth), el.Status.CONVERGED, [], 0.0)
+    truth = el.Result(el.Iterate.of(problem, truth), el.Status.CONVERGED, [], 0.0)
     assert el.explained_contrast(truth) == pytest.approx(1, abs=0.003)
     assert el.explained_contrast(truth) <= 1
     flat = np.where(problem.mask, 0.5 - problem.image, np.nan)
@@ -35,13 +36,8 @@ def test_noise_counts_as_explained(noise):
 
 
 def test_a_lam_is_suggested_in_noise():
-    shot = Shot("colon", el.load_calibration("paper", width=160), noise=8, bits=8)
-    how = {"channel": "grey", "contours": False}
-    lams = (0.1, 1.0, 10.0)
-    explained = [
-        el.explained_contrast(shot.reconstruct(lam=lam, **how)) for lam in lams
-    ]
-    lam, at_least = el.suggest_lam(lams, explained)
+    lams = LAMS[:3]
+    lam, at_least = el.suggest_lam(lams, explained_by(lams, noise=8, bits=8))
     assert 0.1 < lam < 10
     assert not at_least
 

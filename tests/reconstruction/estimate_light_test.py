@@ -7,6 +7,7 @@ import pytest
 
 import endolab as el
 from endolab.reconstruction.estimate_light import estimate_light
+from tests.tools.cases import drawn
 
 FISHEYE = el.load_calibration("paper", width=120).camera
 NARROW = el.Pinhole(120, 90, 400.0, 400.0, 59.5, 44.5)  # 9° to the side
@@ -14,16 +15,9 @@ TISSUE = el.Lambertian((0.75, 0.38, 0.30))
 SCENES = ("curved", "tube", "colon")
 
 
-def frame_of(scene, k, camera=FISHEYE, **how):
-    seen = el.render(
-        el.SCENES[scene],
-        camera,
-        el.Photometry(k, 2.2, None, TISSUE),
-        noise=1,
-        bits=8,
-        **how,
-    )
-    return el.Frame(seen.image, seen.mask, scene)
+def frame_of(scene, k, camera=FISHEYE):
+    known = el.Calibration(camera, el.Photometry(k, 2.2, None, TISSUE))
+    return drawn(scene, known, noise=1, bits=8).frame
 
 
 @pytest.fixture(scope="module")

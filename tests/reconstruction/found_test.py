@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 import endolab as el
 from endolab.io.found import save_found
@@ -13,12 +14,13 @@ from endolab.reconstruction.pipeline import find, solve, solve_found
 from endolab.reconstruction.report import meaning, summary
 from endolab.reconstruction.scale import scale_of, to_scale
 from endolab.reconstruction.settings import Settings
-from endolab.solvers.result import run
+from tests.tools.problems import relit
 
 SAMPLE = el.load_traced("matt")
 FRAME = SAMPLE.frame.resize(160, 120, 2.2)
 KNOWN = SAMPLE.calibration.resize(160, 120)
-UNKNOWN = replace(KNOWN, photometry=replace(KNOWN.photometry, gain=None))
+UNKNOWN = relit(KNOWN, gain=None)
+ASIDE = replace(KNOWN, photometry=KNOWN.photometry.with_lamps([(6.0, 0.0)]))
 GREY = el.Frame(FRAME.image[..., 1], FRAME.mask, "grey")
 
 
@@ -27,7 +29,7 @@ def found_in(calibration, frame=FRAME, **options):
 
 
 def same(one, other):
-    np.testing.assert_array_equal(one.distance, other.distance)
+    assert_array_equal(one.distance, other.distance)
     assert one.energy == other.energy
     assert replace(one.report, asked={}) == replace(other.report, asked={})
     assert one.metric == other.metric
@@ -37,6 +39,7 @@ def same(one, other):
     ("frame", "calibration", "options"),
     [
         (FRAME, KNOWN, {}),
+        (FRAME, ASIDE, {}),
         (FRAME, UNKNOWN, {"known_diameter": (9, (30, 60), (120, 60)), "lam": 0.3}),
         (FRAME, KNOWN, {"channel": "green", "contours": True, "median_distance": 40}),
         (FRAME, KNOWN, {"solver": "primal_dual", "max_iterations": 9, "xi": "d"}),
@@ -51,7 +54,7 @@ def test_reconstruct_is_what_is_found_solved_and_scaled(
     found = finish(find(frame, calibration, settings))
     steps = solve(found, settings, calibration)
     whole = el.reconstruct(frame, calibration, width=80, **options)
-    same(run(steps, last=lambda answer: to_scale(answer, settings)), whole)
+    same(el.run(steps, last=lambda answer: to_scale(answer, settings)), whole)
     save_found(found, tmp_path / "found.npz")
     same(
         el.solve_found(el.load_found(tmp_path / "found.npz"), calibration, **options),
@@ -66,7 +69,7 @@ def test_a_gain_that_becomes_known_makes_mm(options):
     assert later.metric
     assert scale_of(later) == "gain"
     assert meaning(later)[0] == meaning(first)[0]
-    np.testing.assert_allclose(later.distance, first.distance, rtol=1e-6)
+    assert_allclose(later.distance, first.distance, rtol=1e-6)
     gone = solve_found(found_in(KNOWN, **options), UNKNOWN)
     assert not gone.metric
 
@@ -90,7 +93,7 @@ def test_what_0_2_held_is_solved(tmp_path):
     held = el.load_found(tmp_path / "held.npz")
     now = el.solve_found(held, UNKNOWN, lam=0.5)
     then = solve_found(replace(found, halvings=held.halvings), UNKNOWN, lam=0.5)
-    np.testing.assert_allclose(now.distance, 2 * then.distance, rtol=1e-3)
+    assert_allclose(now.distance, 2 * then.distance, rtol=1e-3)
     assert scale_of(now) == "none"
     assert held.is_of(GREY)  # for all that it tells
 

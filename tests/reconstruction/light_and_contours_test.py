@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 import endolab as el
-from endolab.metrics.depth_errors import compare
 from endolab.numerics.iteration import finish
 from endolab.reconstruction.colours import AlbedoPrior
 from endolab.reconstruction.light_and_contours import separate
@@ -16,16 +15,10 @@ from endolab.reconstruction.report import notes, warnings
 from endolab.reconstruction.settings import Settings
 from endolab.solvers.provenance import ContourOutcome, LightOutcome
 from tests.benchmarks.frames import cases_of
-from tests.tools.problems import Shot, relit
+from tests.tools.cases import traced
 
 ALBEDO = np.array([0.75, 0.38, 0.30])
 WIDTH = 240  # for speed
-
-
-def solved(frame, calibration, **options):
-    return el.reconstruct(
-        frame, calibration, **{"channel": "separated", "width": WIDTH} | options
-    )
 
 
 def note(result):
@@ -34,24 +27,22 @@ def note(result):
 
 @pytest.fixture(scope="module")
 def dry():
-    return el.load_traced("diffuse-1")
+    return traced("diffuse-1")
 
 
 @pytest.fixture(scope="module")
-def separated(dry):
-    return solved(dry.frame, dry.calibration, contours=True)
+def small(dry):
+    return dry.resize(WIDTH)
 
 
-def error(result, sample):
-    field = result.problem.field
-    truth = sample.scene.distance(field.rays)
-    return compare(result.distance, truth, field.cos_alpha).mean_percent
+@pytest.fixture(scope="module")
+def separated(small):
+    return small.solve(contours=True)
 
 
-def test_a_third_of_the_error_is_left(dry, separated):
-    plain = el.reconstruct(dry.frame, dry.calibration, width=WIDTH, channel="green")
-    assert error(separated, dry) < 9
-    assert error(plain, dry) > 14
+def test_a_third_of_the_error_is_left(small, separated):
+    assert small.errors_of(separated).mean_percent < 9
+    assert small.percent(channel="green") > 14
     report = separated.report
     # Given ones are believed nearly.
     np.testing.assert_allclose(report.albedo, ALBEDO, rtol=0.1)
@@ -63,7 +54,7 @@ def test_a_third_of_the_error_is_left(dry, separated):
 def test_the_computed_share_is_the_renderers(dry):
     problem = problem_of_frame(dry.frame, dry.calibration, Settings())
     found = finish(separate(problem, AlbedoPrior.of(ALBEDO))).trial
-    true = np.log1p(dry.indirect / dry.direct)
+    true = np.log1p(dry.indirect_ratio)
     made = np.log1p(found.indirect_ratio)
     for index, tolerance in enumerate((0.2, 0.08, 0.06)):
         assert np.median(made[..., index]) == pytest.approx(
@@ -71,29 +62,14 @@ def test_the_computed_share_is_the_renderers(dry):
         )
 
 
-def test_albedos_are_found_in_the_colours(dry, separated):
+def test_albedos_are_found_in_the_colours(small):
     """Whatever the calibration says of one albedo: the ratios and the level come from the picture."""
-    grey = relit(dry.calibration, brdf=el.Lambertian(0.38))
-    result = solved(dry.frame, grey)
+    result = small.relit(brdf=el.Lambertian(0.38)).solve()
     found = np.array(result.report.albedo)
     np.testing.assert_allclose(found / found[0], ALBEDO / ALBEDO[0], rtol=0.25)
     assert found[0] == pytest.approx(ALBEDO[0], abs=0.25)
-    assert error(result, dry) < 12.5
+    assert small.errors_of(result).mean_percent < 12.5
     assert "estimated albedos" in note(result)
-
-
-def test_where_nothing_bounces_nothing_is_taken_out():
-    """A picture of endolab's own model: the colours say so, whatever the surface would make of its light."""
-    known = el.load_calibration("simple", width=160)
-    tissue = relit(known, brdf=el.Lambertian(tuple(ALBEDO)))
-    shot = Shot("colon", tissue, noise=1, bits=8)
-    green, result = (
-        shot.reconstruct(channel=channel, contours=False)
-        for channel in ("green", "separated")
-    )
-    worse = shot.errors(result).mean_percent - shot.errors(green).mean_percent
-    assert worse < 0.5
-    assert result.report.light is LightOutcome.NONE_BOUNCED
 
 
 @pytest.fixture
@@ -101,12 +77,12 @@ def odd(dry):
     """Red and blue are of other pictures."""
     image = dry.frame.image.copy()
     image[..., 0], image[..., 2] = image[::-1, :, 0], image[:, ::-1, 2]
-    return el.Frame(image, dry.frame.mask, "odd")
+    return replace(dry, frame=el.Frame(image, dry.frame.mask, "odd"))
 
 
-def test_colours_that_contradict_each_other_are_not_believed(dry, odd):
+def test_colours_that_contradict_each_other_are_not_believed(odd):
     """No one light explains the three, and what is done instead is named."""
-    result = solved(odd, dry.calibration, width=160, contours=False)
+    result = odd.resize(160).solve(contours=False)
     assert "the channels disagree" in note(result)
     assert result.report.albedo == tuple(ALBEDO)
 
@@ -114,25 +90,25 @@ def test_colours_that_contradict_each_other_are_not_believed(dry, odd):
 def test_a_clipped_red_leaves_the_wall_to_green_and_blue(dry):
     """A camera that makes too much of red, which is lost on four fifths of the wall; once 13.5 %."""
     image = np.minimum(dry.frame.image * (1.65, 1, 1), 1)
-    result = solved(replace(dry.frame, image=image), dry.calibration, width=200)
-    assert error(result, dry) < 10
+    result = replace(dry, frame=replace(dry.frame, image=image)).solve(width=200)
+    assert dry.resize(200).errors_of(result).mean_percent < 10
     assert "Red is saturated in 8" in " ".join(warnings(result))
 
 
-def test_where_colours_tell_nothing_lines_of_the_picture_are_cut(odd, dry):
+def test_where_colours_tell_nothing_lines_of_the_picture_are_cut(odd):
     """Whatever the light is guessed to be, on however many pixels, in the next frame, too."""
-    first = solved(odd, dry.calibration)
-    larger = solved(odd, dry.calibration, width=4 * WIDTH // 3)
-    assert larger.report.cut_links == pytest.approx(
-        4 / 3 * first.report.cut_links, rel=0.02
-    )
+    small = odd.resize(WIDTH)
+    first = small.solve()
+    expected = odd.frame.width / WIDTH * first.report.cut_links
+    assert odd.solve().report.cut_links == pytest.approx(expected, rel=0.02)
     assert first.report.contours is ContourOutcome.BY_LINES
-    again = solved(odd, relit(dry.calibration, k=1.0))
+    again = small.relit(k=1.0).solve()
     assert np.array_equal(again.problem.cuts, first.problem.cuts)
-    dimmed = replace(odd, image=0.9 * odd.image)
-    after = solved(dimmed, dry.calibration, start=first)
+    dimmed = replace(small.frame, image=0.9 * small.frame.image)
+    dimmed = replace(small, frame=dimmed)
+    after = dimmed.solve(start=first)
     assert after.report.contours is ContourOutcome.AS_BEFORE
-    assert after.report.cut_links == solved(dimmed, dry.calibration).report.cut_links
+    assert after.report.cut_links == dimmed.solve().report.cut_links
 
 
 def test_folds_of_living_tissue_keep_their_jump(data):
@@ -143,7 +119,7 @@ def test_folds_of_living_tissue_keep_their_jump(data):
     calibration = el.load_calibration(folder / "colon.json")
     frame = el.read_frame(folder / "colon_153.jpg", calibration)
     places = json.loads((folder / "pairs.json").read_text())["colon_153"]
-    result = solved(frame, calibration)
+    result = el.reconstruct(frame, calibration, width=WIDTH)
     kept = []
     for ends in (*places["near_far"], *places["one_wall"]):
         columns, rows = np.linspace(ends[:2], ends[2:], 60).T * WIDTH / frame.width
@@ -160,11 +136,8 @@ def test_folds_of_living_tissue_keep_their_jump(data):
 )
 def test_what_is_cut_is_nearer_the_truth(name, most):
     """Measured in %, smooth and cut: 7.8 and 5.3, 8.6 and 6.0, 11.4 and 8.7."""
-    sample = el.load_traced(name)
-    uncut, cut = (
-        error(solved(sample.frame, sample.calibration, width=160, contours=how), sample)
-        for how in (False, True)
-    )
+    case = traced(name).resize(160)
+    uncut, cut = (case.percent(contours=how) for how in (False, True))
     assert cut < min(most, uncut - 1.5)
 
 

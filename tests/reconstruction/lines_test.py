@@ -6,18 +6,17 @@ import pytest
 from numpy.testing import assert_array_equal
 from scipy import ndimage
 
-from endolab import datasets
 from endolab.metrics.depth_errors import depth_cuts
 from endolab.reconstruction import constants
 from endolab.reconstruction.lines import find_contours
 from endolab.reconstruction.problem_of_frame import make_problem
-from tests.tools.problems import Shot
+from tests.tools.cases import drawn
 
 
 def seen(scene, width=320, **options):
     """A rendered frame, and the problem it poses."""
-    shot = Shot(scene, datasets.load_calibration("simple", width), bits=8, **options)
-    return shot.truth, make_problem(shot.frame, shot.calibration, channel="green")
+    case = drawn(scene, "simple", width, bits=8, **options)
+    return case, make_problem(case.frame, case.calibration, channel="green")
 
 
 def steep(problem):
@@ -53,9 +52,9 @@ def test_smooth_walls_have_none(scene):
 
 def test_a_tube_is_not_cut_along_its_wall():
     """Lines that ran up the dark wall before its end cut pieces off it, 87 % too far."""
-    shot = Shot("tube", datasets.load_calibration("simple", 160), noise=1, bits=8)
-    result = shot.reconstruct()
-    assert np.abs(result.distance / shot.truth.distance - 1)[result.mask].max() < 0.3
+    tube = drawn("tube", "simple", 160, noise=1, bits=8)
+    result = tube.solve()
+    assert np.abs(result.distance / tube.distance - 1)[result.mask].max() < 0.3
 
 
 def test_a_step_is_one_closed_line_one_step_thin():

@@ -5,21 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from matplotlib import colormaps
+from scipy.stats import spearmanr
 
-from endolab.io.datasets import load_calibration
+import endolab as el
 from endolab.metrics.depth_errors import depth_cuts
 from endolab.reconstruction.mesh import make_mesh
-from endolab.solvers.result import Iterate
-from endolab.synthetic.scenes import SCENES
 from tests.tools.problems import coloured_colon
 
-CAMERA = load_calibration("paper", 160).camera
+CAMERA = el.load_calibration("paper", 160).camera
 RAYS = CAMERA.field.rays
-
-
-def points_of(scene):
-    return scene.distance(RAYS)[..., None] * RAYS
 
 
 def facing(mesh):
@@ -68,7 +62,7 @@ def test_a_result_brings_colours_cuts_and_unit():
     problem, colon = coloured_colon(CAMERA)
     cuts = depth_cuts(colon.distance)
     problem = replace(problem, cuts=cuts, metric=False)
-    iterate = Iterate.of(problem, np.log(colon.distance))
+    iterate = el.Iterate.of(problem, np.log(colon.distance))
     mesh = make_mesh(iterate)
     assert mesh.unit == "relative units"
     again = make_mesh(
@@ -80,10 +74,11 @@ def test_a_result_brings_colours_cuts_and_unit():
     assert np.array_equal(mesh.colours, again.colours)
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", el.SCENES)
 def test_normals_face_the_camera_and_are_the_scenes(name):
-    scene = SCENES[name]
-    mesh = make_mesh(points_of(scene), cuts=depth_cuts(scene.distance(RAYS)))
+    scene = el.SCENES[name]
+    distance = scene.distance(RAYS)
+    mesh = make_mesh(distance[..., None] * RAYS, cuts=depth_cuts(distance))
     assert (np.einsum("ni,ni->n", *facing(mesh)) < 0).all()
     assert (np.einsum("ni,ni->n", mesh.normals, mesh.vertices) < 0).all()
     assert np.allclose(np.linalg.norm(mesh.normals, axis=-1), 1)
@@ -105,12 +100,12 @@ def test_a_step_needs_both_a_jump_and_a_grazing_view_to_be_cut():
 def test_colours_of_sigma_grow_brighter_with_it_and_say_so():
     """On a surface whose σ grows to the right, up to a fifth of the distance."""
     problem, colon = coloured_colon(CAMERA.resize(80, 60))
-    iterate = Iterate.of(problem, np.log(colon.distance))
+    iterate = el.Iterate.of(problem, np.log(colon.distance))
     percent = np.tile(np.linspace(1, 20, 80), (60, 1))
     mesh = make_mesh(iterate, sigma=percent / 100 * iterate.distance)
     assert np.array_equal(mesh.vertices, make_mesh(iterate).vertices)
-    u, v = np.round(iterate.problem.camera.project(mesh.vertices)).astype(int).T
     most = float(re.search(r"bright ([\d.]+) % of it", mesh.legend)[1])
     assert most == pytest.approx(20, rel=0.05)
-    scale = np.asarray(colormaps["magma"](np.clip(percent / most, 0, 1)))[..., :3]
-    assert np.abs(mesh.colours - scale[v, u]).max() < 0.02
+    bright = mesh.colours.sum(axis=-1)
+    right = iterate.problem.camera.project(mesh.vertices)[:, 0]
+    assert spearmanr(bright, right).statistic > 0.999

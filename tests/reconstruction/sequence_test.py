@@ -1,25 +1,16 @@
 """Frames of a video: each from the last, their scales linked, broken ones skipped."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 import endolab as el
-from endolab import datasets
-from endolab.reconstruction.sequence import (
-    reconstruct_sequence,
-)
+from endolab.reconstruction.sequence import reconstruct_sequence
 from endolab.synthetic.scenes import Bowl, Colon, Plane
-from tests.tools.problems import moved_colon, moved_tube
+from tests.tools.films import UNKNOWN, filmed, moved_colon, moved_tube
+from tests.tools.problems import relit
 
 COUNT = 8
-BASE = datasets.load_calibration("simple", 96)
-GREEN = BASE.photometry.channel("green")
-KNOWN = el.Calibration(BASE.camera, replace(GREEN, gain=900.0))
-UNKNOWN = el.Calibration(BASE.camera, replace(GREEN, gain=None))
-
-
+KNOWN = relit(UNKNOWN, gain=900.0)
 WAYS = {
     "bowl": [Bowl(centre=(40 - 1.5 * t, -23 + t, -52 - 2 * t)) for t in range(COUNT)],
     "tube": [moved_tube(t) for t in range(COUNT)],
@@ -27,42 +18,28 @@ WAYS = {
 }
 
 
-def shots(scenes, gains=(900.0,) * COUNT):
-    """Frames of a moving camera, with 1 grey level of noise."""
-    seen = []
-    for k, scene in enumerate(scenes):
-        light = replace(GREEN, gain=float(gains[k]))
-        seen.append(el.render(scene, BASE.camera, light, noise=1.0, bits=8, seed=k))
-    return seen
-
-
 def named(seen):
-    return [(f"f{k}", one.image) for k, one in enumerate(seen)]
-
-
-def scales(seen, steps):
-    """What each frame's distances lack to be mm, relative to the first's."""
-    factors = [
-        np.nanmedian(a.distance / b.result.distance)
-        for a, b in zip(seen, steps, strict=True)
-    ]
-    return np.array(factors) / factors[0]
+    return [(f"f{k}", one.frame.image) for k, one in enumerate(seen)]
 
 
 @pytest.mark.parametrize("way", WAYS)
 def test_gains_that_double_are_told_from_a_camera_that_moves(way):
     """Alone, the frames' scales would differ by up to √2 or more; linked they agree within 6 %."""
     gains = 900 * 2 ** (0.5 - 0.5 * np.cos(np.pi * np.arange(COUNT) / (COUNT - 1)))
-    seen = shots(WAYS[way], gains)
+    seen = filmed(WAYS[way], gains)
     steps = list(reconstruct_sequence(named(seen), UNKNOWN))
     assert all(step.error == "" and not step.result.metric for step in steps)
-    np.testing.assert_allclose(scales(seen, steps), 1, atol=0.06)
+    scales = [
+        np.nanmedian(a.distance / b.result.distance)
+        for a, b in zip(seen, steps, strict=True)
+    ]
+    np.testing.assert_allclose(scales / scales[0], 1, atol=0.06)
     found = np.array([step.result.problem.photometry.gain for step in steps])
     np.testing.assert_allclose(found / found[0], gains / gains[0], rtol=0.13)
 
 
 def test_the_first_frames_median_fixes_the_scale_of_all():
-    seen = shots(WAYS["tube"][:3], [900, 950, 1000])
+    seen = filmed(WAYS["tube"], (900, 950, 1000))
     median = float(np.median(seen[0].distance))
     for calibration in (UNKNOWN, KNOWN):
         steps = list(
@@ -77,11 +54,11 @@ def test_the_first_frames_median_fixes_the_scale_of_all():
 
 
 def test_a_start_from_the_last_is_as_good_as_a_cold_one():
-    seen = shots(WAYS["colon"])
+    seen = filmed(WAYS["colon"], [900] * COUNT)
     warm = list(reconstruct_sequence(named(seen), KNOWN))
     assert [step.warm for step in warm] == [False] + [True] * (COUNT - 1)
     for step, one in zip(warm, seen, strict=True):
-        cold = el.reconstruct(el.Frame(one.image, one.mask), KNOWN)
+        cold = one.solve()
         assert step.result.energy <= 1.05 * cold.energy
         assert step.result.status.is_done
 
@@ -97,14 +74,14 @@ def test_a_still_of_a_grey_endoscope_stays_where_it_is():
 
 
 def test_a_cut_in_the_film_is_begun_again():
-    seen = shots([Plane(85, 20), Plane(84, 20), Colon(), moved_colon(1)])
+    scenes = [Plane(85, 20), Plane(84, 20), Colon(), moved_colon(1)]
+    seen = filmed(scenes, [900] * 4)
     steps = list(reconstruct_sequence(named(seen), KNOWN))
-    cold = el.reconstruct(el.Frame(seen[2].image, seen[2].mask), KNOWN)
-    assert steps[2].result.energy <= 1.001 * cold.energy
+    assert steps[2].result.energy <= 1.001 * seen[2].solve().energy
 
 
 def test_what_cannot_be_used_is_named_and_skipped():
-    seen = named(shots(WAYS["tube"][:3]))
+    seen = named(filmed(WAYS["tube"], [900] * 3))
     small = np.full((10, 12), 0.5)
     lost = ValueError("lost: half of it is missing")
     frames = [("lost", lost), seen[0], ("small", small), seen[1]]
@@ -116,7 +93,7 @@ def test_what_cannot_be_used_is_named_and_skipped():
 
 
 def test_a_stop_ends_it():
-    seen = named(shots(WAYS["tube"][:3]))
+    seen = named(filmed(WAYS["tube"], [900] * 3))
     steps = list(reconstruct_sequence(seen, KNOWN, observers=[lambda iterate: True]))
     assert [(step.name, step.result.status) for step in steps] == [
         ("f0", el.Status.STOPPED)

@@ -9,7 +9,7 @@ import endolab as el
 from endolab.cli.main import main
 from endolab.reconstruction.light_and_contours import CONTOURS
 from endolab.reconstruction.report import advice, describe, summary, warnings
-from tests.tools.problems import Shot, relit
+from tests.tools.cases import drawn, traced
 
 WIDTH = 160
 ROW, COLUMN = np.indices((240, 320))
@@ -18,18 +18,18 @@ DISC = (np.hypot(COLUMN - 60, ROW - 190) < 55)[..., None]
 
 @pytest.fixture(scope="module")
 def wet():
-    return el.load_traced("wet-1")
+    return traced("wet-1")
 
 
-def doubts_of(image, calibration, mask, **options):
-    frame = el.Frame(image, mask, "a")
-    return [*warnings(el.reconstruct(frame, calibration, width=WIDTH, **options))]
+def doubts_of(case, channel=None, **changes):
+    """What is doubted of a case whose frame has another picture or mask."""
+    case = replace(case, frame=replace(case.frame, **changes))
+    return [*warnings(case.solve(width=WIDTH, channel=channel))]
 
 
 @pytest.mark.parametrize("name", ["matt", "diffuse-2", "foggy"])
 def test_nothing_is_said_of_what_is_usual(name):
-    sample = el.load_traced(name)
-    assert doubts_of(sample.frame.image, sample.calibration, sample.frame.mask) == []
+    assert doubts_of(traced(name)) == []
 
 
 @pytest.mark.parametrize(
@@ -48,7 +48,7 @@ def test_nothing_is_said_of_what_is_usual(name):
 )
 def test_a_picture_of_something_else_is_doubted(wet, change, named):
     image = np.clip(change(wet.frame.image), 0, 1)
-    assert named in " ".join(doubts_of(image, wet.calibration, wet.frame.mask))
+    assert named in " ".join(doubts_of(wet, image=image))
 
 
 @pytest.mark.parametrize(
@@ -60,9 +60,7 @@ def test_a_picture_of_something_else_is_doubted(wet, change, named):
     ],
 )
 def test_a_light_of_something_else_is_doubted(wet, change, named):
-    known = relit(wet.calibration, **change)
-    warnings = doubts_of(wet.frame.image, known, wet.frame.mask, channel="green")
-    assert named in " ".join(warnings)
+    assert named in " ".join(doubts_of(wet.relit(**change), "green"))
 
 
 @pytest.mark.parametrize(
@@ -71,10 +69,10 @@ def test_a_light_of_something_else_is_doubted(wet, change, named):
 )
 def test_a_solver_that_has_not_come_to_the_minimum_is_the_cause(options):
     """And neither λ nor the frame, which Gauss-Newton explains."""
-    shot = Shot("colon", el.load_calibration("paper", width=80))
+    colon = drawn("colon", "paper", 80)
     how = {"channel": "green", "contours": False, "lam": 0.03}
-    assert list(warnings(shot.reconstruct(**how))) == []
-    result = shot.reconstruct(**how, **options)
+    assert list(warnings(colon.solve(**how))) == []
+    result = colon.solve(**how, **options)
     for line in (next(summary(result)), describe(result, 0.5, "kept", None)):
         assert "lower its energy by" in line
     (sentence,) = warnings(result)
@@ -91,7 +89,7 @@ def test_what_a_nominal_light_may_cost_is_printed(wet):
 
 def test_the_line_says_what_is_known():
     """A look was solved on few pixels; stages counted from 0 again; −64.6 % were explained."""
-    result = Shot("plane", el.load_calibration("paper", width=32)).reconstruct()
+    result = drawn("plane", "paper", 32).solve()
     assert "explains" not in describe(result, 0.957, "look", None)
     line = describe(result, 0.957, "final", (5.0, 0.094))
     assert "mean 5.0 %, median 0.09 %" in line
@@ -105,8 +103,8 @@ def test_one_alarm_a_cause_and_first_what_was_turned():
     assert advice(0.98, 1.0, 0.4) == ""
     assert advice(0.9897, 63.0, 0.4) == ""
     assert "0.4" in advice(0.98, 1.3, 0.4)
-    shot = Shot("colon", el.load_calibration("paper", width=80))
-    flat = shot.reconstruct(lam=100.0, channel="green", contours=False)
+    how = {"lam": 100.0, "channel": "green", "contours": False}
+    flat = drawn("colon", "paper", 80).solve(**how)
     for turned, first in (({"lam"}, "λ"), ({"k"}, "another k"), (set(), "wet")):
         (sentence,) = warnings(flat, turned)
         assert f"What may be: {first}" in sentence
@@ -114,10 +112,8 @@ def test_one_alarm_a_cause_and_first_what_was_turned():
 
 def test_a_lost_decimal_point_is_doubted_and_needs_no_more_memory(wet):
     camera = el.Pinhole(320, 240, 119535.0, 119535.0, 159.5, 119.5)
-    calibration = el.Calibration(camera, wet.calibration.photometry)
-    assert "focal length" in " ".join(
-        doubts_of(wet.frame.image, calibration, wet.frame.mask)
-    )
+    lost = replace(wet, calibration=replace(wet.calibration, camera=camera))
+    assert "focal length" in " ".join(doubts_of(lost))
 
 
 def test_a_mask_that_reaches_beyond_the_field_is_cut_and_said(wet):
@@ -125,16 +121,17 @@ def test_a_mask_that_reaches_beyond_the_field_is_cut_and_said(wet):
     row, column = np.indices(wet.frame.mask.shape)
     disc = (row - 119.5) ** 2 + (column - 159.5) ** 2 < 110**2
     image = wet.frame.image * disc[..., None]
-    warnings = " ".join(doubts_of(image, wet.calibration, np.roll(disc, 40, axis=1)))
-    assert "of the mask lies beyond what the endoscope shows" in warnings
-    assert "of the mask" not in " ".join(doubts_of(image, wet.calibration, disc))
+    shifted = np.roll(disc, 40, axis=1)
+    sentences = " ".join(doubts_of(wet, image=image, mask=shifted))
+    assert "of the mask lies beyond what the endoscope shows" in sentences
+    assert "of the mask" not in " ".join(doubts_of(wet, image=image, mask=disc))
 
 
 def test_pixels_that_the_camera_does_not_reach_are_counted(wet, tmp_path, capsys):
     """As of a polynomial that turns back within the picture."""
     camera = el.KannalaBrandt(320, 240, 120.0, 120.0, 159.5, 119.5, (-0.3, 0, 0, 0))
-    calibration = el.Calibration(camera, wet.calibration.photometry)
-    sentences = " ".join(doubts_of(wet.frame.image, calibration, wet.frame.mask))
+    calibration = replace(wet.calibration, camera=camera)
+    sentences = " ".join(doubts_of(replace(wet, calibration=calibration)))
     assert "71 % of what the endoscope shows has no ray" in sentences
     el.write_calibration(calibration, tmp_path / "a.json")
     assert (

@@ -19,10 +19,10 @@ import cv2
 import numpy as np
 import scipy
 
+import endolab as el
 from endolab.frames.frame import SATURATED
 from endolab.frames.highlights import find_highlights
 from endolab.metrics.depth_errors import depth_cuts, resample_truth
-from endolab.model.brdf import Lambertian
 from endolab.model.photometry import CHANNELS, Photometry
 from endolab.reconstruction.colours import LEAST_ALBEDO, MOST_ALBEDO, TISSUE, UNKNOWN
 from endolab.reconstruction.estimate_light import EXPONENTS
@@ -49,7 +49,7 @@ SECTORS = 4  # around the axis, each with a near and a far part
 def measure_light(frames, camera, distances, lamps=0):
     """Measure k, γ and a matt wall's albedos on colour frames of known distances, mm, nan where unknown.
 
-    And the places of so many `lamps` beside the lens (`Photometry.with_lamps`); 0: one at the optical centre.
+    And the places of none to two `lamps` beside the lens (`Photometry.with_lamps`); 0: one at its centre.
 
     Returned are the light, of unknown gain, the standard errors of "k" (joint), "gamma", "red", "green",
     "blue", and "lamp 1 x" ..., mm, and the median size of what the model leaves, grey levels.
@@ -61,8 +61,7 @@ def measure_light(frames, camera, distances, lamps=0):
         light = patches.light(1.5, np.array(TISSUE), np.empty((0, 2)))
         levels.append(np.median(log_light - light, axis=0))
     count = 5 + 2 * lamps
-    turn = 2 * np.pi * np.arange(lamps) / max(lamps, 1)
-    places = TIP * np.column_stack([np.cos(turn), np.sin(turn)])
+    places = TIP * np.eye(2)[:lamps]
     start = np.concatenate([[1.5, GAMMA], np.log(TISSUE), places.ravel(), *levels])
     fitted = _fit(seen, start, lamps)
     parts = [_fit(seen, fitted, lamps, part)[:count] for part in range(2 * SECTORS)]
@@ -80,7 +79,7 @@ def measure_light(frames, camera, distances, lamps=0):
     light = Photometry(
         round(max(float(k), 0.0), 2),
         round(float(gamma), 2),
-        brdf=Lambertian(tuple(albedo.round(2).tolist())),
+        brdf=el.Lambertian(tuple(albedo.round(2).tolist())),
     )
     if lamps:
         light = light.with_lamps(found[5:].reshape(-1, 2).round(1).tolist())

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import endolab as el
-from endolab import datasets
 from tests.research.known_surface import measure_light
+from tests.tools.cases import drawn
 
 DARK = (0.06, 0.05, 0.04)  # albedos of a wall from which hardly anything bounces
 
@@ -31,19 +31,20 @@ def test_path_traced_frames_tell_their_light(name):
 
 def test_a_lamp_beside_the_lens_is_found():
     """Measured, true (4, -2) mm and 1.5: (3.9, -1.9) and 1.51; with one at the lens k is 2.6 for 2.5."""
-    camera = el.load_calibration("simple", 320).camera
     light = el.Photometry(2.5, brdf=el.Lambertian(DARK)).with_lamps([(4, -2)])
-    seen = el.render(el.SCENES["tube"], camera, light)
-    frame = el.Frame(seen.image, seen.mask)
-    found, _, misfit = measure_light([frame], camera, [seen.distance], 1)
+    tube = drawn("tube", "simple", 320, light)
+    camera = tube.calibration.camera
+    found, _, misfit = measure_light([tube.frame], camera, [tube.distance], 1)
     np.testing.assert_allclose(found.lights[0].position, (4, -2, 0), atol=0.3)
     assert found.k == pytest.approx(1.5, abs=0.1)
     assert misfit < 1  # grey level
 
 
 def test_the_light_of_c3vd_is_what_its_frames_tell(data):
-    samples = [datasets.read_c3vd(data / "c3vd_trans_t1_a", index) for index in (1, 6)]
-    shipped = datasets.load_calibration("c3vd")
+    samples = [
+        el.datasets.read_c3vd(data / "c3vd_trans_t1_a", index) for index in (1, 6)
+    ]
+    shipped = el.load_calibration("c3vd")
     frames = [one.frame for one in samples]
     distances = [one.distance for one in samples]
     light, errors, misfit = measure_light(frames, shipped.camera, distances, 1)
@@ -57,5 +58,5 @@ def test_the_light_of_c3vd_is_what_its_frames_tell(data):
     )
     usual = np.nanmedian(np.concatenate([part.ravel() for part in distances]))
     assert round(usual, 1) == evidence["photometry"]["usual_distance"]
-    of_the_second = datasets.load_calibration("c3vd_v2")
+    of_the_second = el.load_calibration("c3vd_v2")
     assert of_the_second.photometry == shipped.photometry

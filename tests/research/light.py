@@ -16,8 +16,6 @@ import endolab as el
 from tests.benchmarks.frames import cases_of, table
 
 USUAL = 2.5
-HEADS = ("frame", "k", "found", "")
-HEADS += ("% with k", "with what was found", f"with {USUAL:g}")
 
 
 def percent(case, k, gamma):
@@ -46,4 +44,16 @@ def rows_of(wanted):
 
 if __name__ == "__main__":
     for wanted in sys.argv[1:] or ["open"]:
-        table(f"k of {wanted}, asked of the frames", HEADS, rows_of(wanted))
+        table(
+            f"k of {wanted}, asked of the frames",
+            (
+                "frame",
+                "k",
+                "found",
+                "",
+                "% with k",
+                "with what was found",
+                f"with {USUAL:g}",
+            ),
+            rows_of(wanted),
+        )

@@ -13,25 +13,21 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
+import endolab as el
 from endolab.io.atomic import write_atomically
-from endolab.io.datasets.known_endoscopes import load_calibration
 from endolab.io.datasets.traced import DISTANCE_STEP, GREY_STEPS, LAYERS
-from endolab.model.brdf import Lambertian
-from endolab.model.endoscope import Calibration
-from endolab.model.lights import SpotLight
-from endolab.model.photometry import Photometry
 from endolab.synthetic.scenes import Colon
 
 SAMPLES = 256  # paths a pixel: leaves less than a grey level of their noise
 
-_TISSUE = Lambertian((0.75, 0.38, 0.30))
-_ONE = Photometry(k=2.5, gamma=2.2, brdf=_TISSUE)
+_TISSUE = el.Lambertian((0.75, 0.38, 0.30))
+_ONE = el.Photometry(k=2.5, gamma=2.2, brdf=_TISSUE)
 _AROUND = [
     (3.5 * np.cos(angle), 3.5 * np.sin(angle), 0.0)
     for angle in np.deg2rad([90, 210, 330])
 ]
-_LIGHTS = tuple(SpotLight(place, exponent=2.5, weight=1 / 3) for place in _AROUND)
-_THREE = Photometry(k=0.0, gamma=2.2, brdf=_TISSUE, lights=_LIGHTS)
+_LIGHTS = tuple(el.SpotLight(place, exponent=2.5, weight=1 / 3) for place in _AROUND)
+_THREE = el.Photometry(k=0.0, gamma=2.2, brdf=_TISSUE, lights=_LIGHTS)
 _COLONS = (
     Colon(),
     Colon(
@@ -69,7 +65,7 @@ def write(path, traced, scene, options):
     facts = {
         "scene": asdict(scene),
         "options": options,
-        "calibration": Calibration(traced.camera, traced.photometry).to_dict(),
+        "calibration": el.Calibration(traced.camera, traced.photometry).to_dict(),
     }
     arrays = {
         "facts": np.array(json.dumps(facts, allow_nan=False)),
@@ -94,6 +90,6 @@ if __name__ == "__main__":
     for name in tqdm(sys.argv[2:] or CASES, unit="frame"):
         scene, camera, photometry, options = CASES[name]
         options = options | {"samples": SAMPLES}
-        camera = load_calibration(camera, 320).camera
+        camera = el.load_calibration(camera, 320).camera
         traced = trace(scene, camera, photometry, **options)
         write(folder / f"{name}.npz", traced, scene, options)

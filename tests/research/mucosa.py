@@ -23,8 +23,6 @@ def tissue(points, albedo, texture, vessels, seed=0, stains=0.0):
     logarithm of that of green and blue, `vessels` what the middle of a vessel takes from the logarithm of
     the green one, `stains` what a stain takes from that of the blue one.
     """
-    if texture == vessels == stains == 0:
-        return np.broadcast_to(np.clip(albedo, 0.01, 0.95), points.shape).copy()
     rng = np.random.default_rng([seed, 0])
     mottle = waves(points, TEXTURE_SCALE, rng)[0]
     blood = np.zeros(points.shape[:-1])

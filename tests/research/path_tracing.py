@@ -28,7 +28,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from endolab.model.lights import SpotLight
+import endolab as el
 from endolab.numerics.arrays import FloatArray
 from endolab.synthetic.rendering import Rendered, develop, expose, truth_of
 from tests.research.mucosa import ROUGHNESS, VEIL, film_radiance, rippled, tissue
@@ -282,7 +282,7 @@ def trace(
     """
     mean = np.broadcast_to(np.asarray(photometry.brdf.albedo, dtype=np.float64), (3,))
     vignetting = photometry if photometry.lights else replace(photometry, k=0.0)
-    lights = photometry.lights or (SpotLight(exponent=photometry.k),)
+    lights = photometry.lights or (el.SpotLight(exponent=photometry.k),)
 
     vertices, triangles = mesh_of(scene, mesh_size)
     albedo = tissue(vertices, mean, texture, vessels, seed, stains)

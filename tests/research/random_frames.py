@@ -15,15 +15,10 @@ import cv2
 import numpy as np
 from tqdm import tqdm
 
-from endolab.frames.frame import Frame
+import endolab as el
 from endolab.io.atomic import write_atomically
 from endolab.io.datasets.traced import LAYERS, TracedSample
 from endolab.metrics.depth_errors import depth_cuts
-from endolab.model.brdf import Lambertian
-from endolab.model.cameras import KannalaBrandt, Pinhole
-from endolab.model.endoscope import Calibration
-from endolab.model.lights import SpotLight
-from endolab.model.photometry import Photometry
 from tests.research.cavities import Cavity, Fold, Polyp
 
 FOLDER = Path(__file__).resolve().parents[2] / "build" / "unseen"
@@ -161,9 +156,9 @@ def _camera(rng):
     edge = np.deg2rad(rng.uniform(35, 50))
     if rng.uniform() < 0.5:
         focal = wide / 2 / np.tan(edge)
-        return Pinhole(wide, high, focal, focal, *centre)
+        return el.Pinhole(wide, high, focal, focal, *centre)
     focal = wide / 2 / (1.35 * edge)
-    return KannalaBrandt(wide, high, focal, focal, *centre, PAPER)
+    return el.KannalaBrandt(wide, high, focal, focal, *centre, PAPER)
 
 
 def _light(rng, albedo):
@@ -181,13 +176,13 @@ def _light(rng, albedo):
     weights /= weights.sum()
     exponent = joint * (1 - of_lens)
     lights = tuple(
-        SpotLight(
+        el.SpotLight(
             (off * np.cos(a), off * np.sin(a), 0.0), exponent=exponent, weight=float(w)
         )
         for a, w in zip(angles, weights, strict=True)
     )
     gamma = rng.uniform(1.9, 2.5)
-    return Photometry(joint * of_lens, gamma, None, Lambertian(albedo), lights)
+    return el.Photometry(joint * of_lens, gamma, None, el.Lambertian(albedo), lights)
 
 
 def _wall(rng):
@@ -251,8 +246,8 @@ def frame_of(seed):
     one = replace(light, gain=gain).simplify()
     known = albedo if is_albedo_known else green
     return TracedSample(
-        Frame(image, traced.mask, f"{seed}-{kind}"),
-        Calibration(camera, replace(one, brdf=Lambertian(known))),
+        el.Frame(image, traced.mask, f"{seed}-{kind}"),
+        el.Calibration(camera, replace(one, brdf=el.Lambertian(known))),
         traced.distance,
         traced.normals,
         **{name: gain * getattr(traced, name) for name in LAYERS},

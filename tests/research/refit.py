@@ -45,8 +45,6 @@ TRIED = {
     "LINE_BLUR": (0.0, 1.0, 2.0),
     "SHALLOW": (0.0, 0.003, 0.008),
 }
-HEADS = ("constant", "now", "best", "of halves", "error %")
-HEADS += ("neutral", "with neutral", "phantom's shapes")
 
 
 def errors_with(name, value, cases):
@@ -86,4 +84,17 @@ if __name__ == "__main__":
     others = [case.resize(WIDTH) for case in cases_of(SCORED)]
     names = sys.argv[1:] or list(TRIED)[:6]
     rows = (row_of(name, cases, others) for name in names)
-    table(f"Constants, by {len(cases)} frames of {', '.join(FITTED)}", HEADS, rows)
+    table(
+        f"Constants, by {len(cases)} frames of {', '.join(FITTED)}",
+        (
+            "constant",
+            "now",
+            "best",
+            "of halves",
+            "error %",
+            "neutral",
+            "with neutral",
+            "phantom's shapes",
+        ),
+        rows,
+    )

@@ -8,7 +8,6 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import endolab as el
-from endolab.metrics.depth_errors import depth_cuts
 from endolab.solvers.solvers import fast_marching
 from tests.tools.cuts import between
 from tests.tools.problems import SHEET, border, errors_of, percent_off, problem_of
@@ -59,19 +58,6 @@ def test_what_lies_outside_the_mask_is_not_read():
         march_distances(replace(problem, mask=mask, image=image)) for image in images
     )
     assert_array_equal(spoilt, clean)
-
-
-def test_mirrored_and_turned_frames_give_mirrored_and_turned_surfaces():
-    camera = el.Pinhole(61, 61, 40.0, 40.0, 30.0, 30.0)
-    problem, seen = problem_of("colon", camera=camera)
-    for find_cuts in (lambda distance: None, depth_cuts):
-        d = march_distances(replace(problem, cuts=find_cuts(seen.distance)))
-        for turn in (np.fliplr, np.flipud, np.transpose, np.rot90):
-            image, mask, truth = (
-                turn(a).copy() for a in (problem.image, problem.mask, seen.distance)
-            )
-            turned = replace(problem, image=image, mask=mask, cuts=find_cuts(truth))
-            assert_allclose(march_distances(turned), turn(d), rtol=1e-9)
 
 
 def test_the_front_advances_and_ends_where_one_pass_ends():

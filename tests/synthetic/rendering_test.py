@@ -6,26 +6,23 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+import endolab as el
 from endolab.model.brdf import Lambertian, TabulatedBRDF
-from endolab.model.cameras import KannalaBrandt, Pinhole
-from endolab.model.lights import SpotLight
-from endolab.model.photometry import Photometry
-from endolab.synthetic.rendering import render
 from endolab.synthetic.scenes import SCENES
 
-CAMERA = Pinhole(160, 120, 100.0, 100.0, 79.5, 59.5)
-WIDE = KannalaBrandt(101, 101, 25.0, 25.0, 50.0, 50.0, (0.01, 0.0, 0.0, 0.0))
-GREY = Photometry(k=2.5, gamma=2.2, gain=700.0, brdf=Lambertian(0.5))
+CAMERA = el.Pinhole(160, 120, 100.0, 100.0, 79.5, 59.5)
+WIDE = el.KannalaBrandt(101, 101, 25.0, 25.0, 50.0, 50.0, (0.01, 0.0, 0.0, 0.0))
+GREY = el.Photometry(k=2.5, gamma=2.2, gain=700.0, brdf=Lambertian(0.5))
 COLOUR = replace(GREY, brdf=Lambertian((0.75, 0.38, 0.30)))
 LIGHTS = (
-    SpotLight((3.0, 0.0, 0.0), exponent=1.0),
-    SpotLight((-1.0, 2.0, 0.0), (0.1, 0.0, 1.0)),
+    el.SpotLight((3.0, 0.0, 0.0), exponent=1.0),
+    el.SpotLight((-1.0, 2.0, 0.0), (0.1, 0.0, 1.0)),
 )
 TABLE = TabulatedBRDF((0.0, 0.5, 1.5), (0.3, 0.25, 0.1))
 
 
 def curved(photometry=COLOUR, **options):
-    return render(SCENES["curved"], CAMERA, photometry, **options)
+    return el.render(SCENES["curved"], CAMERA, photometry, **options)
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -36,7 +33,7 @@ def curved(photometry=COLOUR, **options):
 )
 def test_a_clean_frame_is_the_model_at_the_truth(name, changed):
     photometry = replace(GREY, **changed)
-    frame = render(SCENES[name], CAMERA, photometry)
+    frame = el.render(SCENES[name], CAMERA, photometry)
     points = frame.distance[..., None] * CAMERA.field.rays
     expected = np.minimum(photometry.intensity(points, frame.normals), 1.0)
     assert frame.photometry == photometry
@@ -46,7 +43,7 @@ def test_a_clean_frame_is_the_model_at_the_truth(name, changed):
 
 def test_a_fisheye_sees_to_its_side_but_no_light_falls_behind():
     """Beyond 90° off the axis the model is dark: such pixels are not in the mask."""
-    frame = render(SCENES["tube"], WIDE, COLOUR)
+    frame = el.render(SCENES["tube"], WIDE, COLOUR)
     assert 0.3 < frame.mask.mean() < 0.7
     assert_array_equal(frame.mask, WIDE.field.cos_alpha > 0)
     assert_array_equal(frame.mask, (frame.image > 0).all(axis=-1))

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from endolab.model.cameras import KannalaBrandt, Pinhole
+import endolab as el
 from endolab.synthetic.scenes import SCENES, Bowl, Bump, Colon, Plane, Tube
 
 CAMERAS = {
-    "pinhole": Pinhole(80, 60, 50.0, 50.0, 39.5, 29.5),
+    "pinhole": el.Pinhole(80, 60, 50.0, 50.0, 39.5, 29.5),
     # The axis, and 125° off it.
-    "fisheye": KannalaBrandt(81, 81, 22.0, 22.0, 40.0, 40.0, (0.01, 0.0, 0.0, 0.0)),
+    "fisheye": el.KannalaBrandt(81, 81, 22.0, 22.0, 40.0, 40.0, (0.01, 0.0, 0.0, 0.0)),
 }
 SHAPES = [
     *SCENES.values(),
@@ -21,7 +21,7 @@ SHAPES = [
     Bump(60.0, 25.0, 9.0),
     Bump(60.0, -30.0, 8.0),
 ]
-every_camera = pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS.keys())
+every_camera = pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS)
 every_shape = pytest.mark.parametrize("scene", SHAPES, ids=repr)
 
 

@@ -7,10 +7,8 @@ import numpy as np
 import pytest
 
 import endolab as el
-from endolab import datasets
 from endolab.metrics.depth_errors import compare
 from endolab.solvers.problem import Problem
-from endolab.synthetic.scenes import Colon, Tube
 
 ORDERS = ("first", "second")
 every_variant = pytest.mark.parametrize(
@@ -42,7 +40,7 @@ def problem_of(
     The camera is one of the library's at this width, or any; the gain in units of what fills the range.
     """
     if isinstance(camera, str):
-        camera = datasets.load_calibration(camera, width).camera
+        camera = el.load_calibration(camera, width).camera
     how = {"noise": noise, "bits": bits}
     seen = el.render(
         el.SCENES[scene], camera, el.Photometry(brdf=brdf or el.Lambertian(0.5)), **how
@@ -87,8 +85,9 @@ def errors_of(result, seen, **options):
 
 
 def percent_off(found, seen, where=None):
-    """Mean error of a result's distances, or of a map of them, %: where they are known, or where said."""
-    off = 100 * np.abs(getattr(found, "distance", found) / seen.distance - 1)
+    """Mean error of distances, of a result or in a map, %: where they are known, or where said."""
+    found, true = (getattr(one, "distance", one) for one in (found, seen))
+    off = 100 * np.abs(found / true - 1)
     return np.mean(off[np.isfinite(off) if where is None else where])
 
 
@@ -113,32 +112,3 @@ def border(seen, width):
 def relit(calibration, **changes):
     """The calibration with another light."""
     return replace(calibration, photometry=replace(calibration.photometry, **changes))
-
-
-class Shot:
-    """A rendered frame with its truth, and the calibration that explains it."""
-
-    def __init__(self, scene, calibration, photometry=None, **how):
-        scene = el.SCENES[scene] if isinstance(scene, str) else scene
-        self.truth = el.render(
-            scene, calibration.camera, photometry or calibration.photometry, **how
-        )
-        self.frame = el.Frame(self.truth.image, self.truth.mask)
-        self.calibration = replace(calibration, photometry=self.truth.photometry)
-        self.up_to_scale = relit(self.calibration, gain=None)
-
-    def reconstruct(self, **options):
-        return el.reconstruct(self.frame, self.calibration, **options)
-
-    def errors(self, result):
-        return errors_of(result, self.truth)
-
-
-def moved_tube(t):
-    """The tube, the camera having gone on by 3 t mm."""
-    return Tube(length=130 - 3 * t, tilt=5 + 0.5 * t, offset=(3 - 0.5 * t, 1))
-
-
-def moved_colon(t):
-    """The colon, the camera having gone on by t mm."""
-    return type("Moved", (Colon,), {"_camera": np.array([2 + 0.1 * t, -1.5, t])})()

@@ -3,18 +3,17 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+import endolab as el
 from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.geometric.reprojection import View
 from endolab.calibration.targets import Charuco, Chessboard, DotGrid
-from endolab.io.datasets import load_calibration
-from endolab.model.cameras import BrownConrady, KannalaBrandt
 
-PAPER = load_calibration("paper").camera
+PAPER = el.load_calibration("paper").camera
 # 190° and more.
-WIDE = KannalaBrandt(
+WIDE = el.KannalaBrandt(
     1280, 1024, 400.0, 401.0, 645.0, 505.0, (-0.02, 0.004, -0.002, 0.0003)
 )
-BROWN = BrownConrady(
+BROWN = el.BrownConrady(
     1920, 1080, 1400.0, 1405.0, 950.0, 530.0, (-0.32, 0.14, 1.5e-3, -1e-3, -0.03)
 )
 OTHER_TARGETS = [  # than those with a name

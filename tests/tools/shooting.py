@@ -1,10 +1,9 @@
 """Samples of simulated videos."""
 
 import endolab as el
-from endolab import datasets
 from endolab.calibration.simulation.video import PAPER_SHEET, simulate_samples
 
-CAMERA = datasets.load_calibration("paper", width=480).camera
+CAMERA = el.load_calibration("paper", width=480).camera
 TRUTH = el.Photometry(2.5, 2.2, 1.0, PAPER_SHEET)
 
 

@@ -6,10 +6,8 @@ from functools import cache
 import numpy as np
 
 import endolab as el
-from endolab import datasets
 from endolab.calibration.detection.detect import Detection
 from endolab.calibration.photometric.fit import calibrate_light
-from endolab.calibration.session import calibrate
 from endolab.calibration.simulation.trajectory import trajectory
 from endolab.calibration.simulation.video import PAPER_SHEET, simulate_samples
 from tests.tools.sheet_views import centroids_on_panels
@@ -24,7 +22,7 @@ LOST = ("frame_3", "frame_9")  # in one nothing is found, in the other no pose
 def simulated(name="vicalib_small", **light):
     """Return a session and its frames."""
     target = el.TARGETS[name]
-    camera = datasets.load_calibration("paper", width=160).camera
+    camera = el.load_calibration("paper", width=160).camera
     fold = np.deg2rad(30) if target.fold else 0.0
     how = {"fold": fold, "distance": (30.0, 60.0), "seed": 1}
     samples, _ = simulate_samples(
@@ -48,7 +46,7 @@ def simulated(name="vicalib_small", **light):
         detections[name] = Detection(inside, pixels[inside] + error)
     pictures = [(name, rng.uniform(0, 1, (120, 160))) for name in names]
     how = {"detections": detections, "size": (160, 120), "every": 1}
-    session = calibrate(pictures, target, lens="fisheye", **how)
+    session = el.calibrate(pictures, target, lens="fisheye", **how)
     lit = {
         "light": calibrate_light(samples, **light),
         "samples": samples,

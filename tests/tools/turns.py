@@ -13,12 +13,9 @@ TURNS = {
 }
 
 
-def solve_turned(frame, calibration, name, **options):
-    """Solve the turned picture."""
-    image, mask = (
-        np.ascontiguousarray(TURNS[name](a)) for a in (frame.image, frame.mask)
-    )
-    camera = calibration.camera
+def turned(case, name):
+    """A `Case` whose picture and distance are turned."""
+    camera = case.calibration.camera
     width, height = camera.width, camera.height
     if name == "transposed":
         changes = {"width": height, "height": width, "cx": camera.cy, "cy": camera.cx}
@@ -27,5 +24,12 @@ def solve_turned(frame, calibration, name, **options):
         changes = {"cx": width - 1 - camera.cx}
         if name == "upside down":
             changes["cy"] = height - 1 - camera.cy
-    known = el.Calibration(replace(camera, **changes), calibration.photometry)
-    return el.reconstruct(el.Frame(image, mask), known, **options)
+    maps = (case.frame.image, case.frame.mask, case.distance)
+    image, mask, distance = (np.ascontiguousarray(TURNS[name](a)) for a in maps)
+    return replace(
+        case,
+        frame=el.Frame(image, mask),
+        calibration=replace(case.calibration, camera=replace(camera, **changes)),
+        distance=distance,
+        normals=None,
+    )

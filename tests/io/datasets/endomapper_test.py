@@ -8,7 +8,6 @@ from numpy.testing import assert_allclose
 
 import endolab as el
 from endolab.cli import main as cli
-from endolab.io.cameras.formats import read_camera
 from endolab.io.datasets import endomapper
 
 # Written as Vicalib does; the numbers are of the data set's Endoscope_01.
@@ -63,16 +62,6 @@ def write(tmp_path):
         return paths
 
     return files
-
-
-def test_the_camera(write):
-    camera = read_camera(write()[0])
-    assert (camera.width, camera.height) == (1440, 1080)
-    theta = 0.7
-    k = (1.0, -0.1396589, -0.0003139987, 0.001505504, -0.0001316715)
-    radius = sum(c * theta ** (2 * n + 1) for n, c in enumerate(k))
-    pixel = camera.project([0.0, np.sin(theta), np.cos(theta)])  # down in the picture
-    assert_allclose(pixel, (734.7278, 552.0724 + 718.0214 * radius), rtol=1e-12)
 
 
 def test_a_light_off_the_axis_is_in_mm(write):

@@ -14,30 +14,6 @@ def write(folder, name, stored):
     assert cv2.imwrite(str(folder / name), stored)
 
 
-def write_c3vd(folder, suffix="png"):
-    """A frame of C3VD that shows z = 20 mm but in three pixels, and nothing in the first column."""
-    depth = np.full((1080, 1350), round(20 * 655.35), np.uint16)
-    depth[:, 0] = 0
-    depth[540, 1] = 65535
-    depth[543, 679] = 6554
-    depth[540, 3] = 65534
-    colour = np.zeros((1080, 1350, 3), np.uint8)
-    colour[7, 9] = (10, 20, 30)
-    write(folder, "0042_color.png", colour)
-    write(folder, f"0042_depth.{suffix}", depth)
-
-
-def write_simcol3d(folder):
-    """A frame of SimCol3D at z = 4 cm but in two pixels."""
-    depth = np.full((475, 475), 4 / 20 * 255 * 256, np.uint16)
-    depth[0, 0] = 0
-    depth[237, 237] = 256
-    colour = np.full((475, 475, 4), 65280, np.uint16)
-    colour[..., 0] = 128 << 8  # blue
-    write(folder, "FrameBuffer_0007.png", colour)
-    write(folder, "Depth_0007.png", depth)
-
-
 def test_published_frames_are_where_they_are_said_to_be_and_nowhere_else(
     tmp_path, monkeypatch
 ):
@@ -50,7 +26,16 @@ def test_published_frames_are_where_they_are_said_to_be_and_nowhere_else(
 
 @pytest.mark.parametrize("suffix", ["png", "tiff"])
 def test_a_frame_of_c3vd(tmp_path, suffix):
-    write_c3vd(tmp_path, suffix)
+    """A frame of C3VD that shows z = 20 mm but in three pixels, and nothing in the first column."""
+    depth = np.full((1080, 1350), round(20 * 655.35), np.uint16)
+    depth[:, 0] = 0
+    depth[540, 1] = 65535
+    depth[543, 679] = 6554
+    depth[540, 3] = 65534
+    colour = np.zeros((1080, 1350, 3), np.uint8)
+    colour[7, 9] = (10, 20, 30)
+    write(tmp_path, "0042_color.png", colour)
+    write(tmp_path, f"0042_depth.{suffix}", depth)
     sample = datasets.read_c3vd(tmp_path, 42)
     assert sample.frame.name == "0042_color.png"
     assert_array_equal(sample.frame.image[7, 9] * 255, (30, 20, 10))
@@ -63,7 +48,14 @@ def test_a_frame_of_c3vd(tmp_path, suffix):
 
 
 def test_a_frame_of_simcol3d(tmp_path):
-    write_simcol3d(tmp_path)
+    """A frame of SimCol3D at z = 4 cm but in two pixels."""
+    depth = np.full((475, 475), 4 / 20 * 255 * 256, np.uint16)
+    depth[0, 0] = 0
+    depth[237, 237] = 256
+    colour = np.full((475, 475, 4), 65280, np.uint16)
+    colour[..., 0] = 128 << 8  # blue
+    write(tmp_path, "FrameBuffer_0007.png", colour)
+    write(tmp_path, "Depth_0007.png", depth)
     (sample,) = datasets.open_dataset(tmp_path)
     assert_allclose(sample.frame.image[100, 100], (1.0, 1.0, 128 / 255), rtol=1e-12)
     assert sample.frame.mask.all()

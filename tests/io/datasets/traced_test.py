@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from endolab.io.datasets.traced import load_traced
+import endolab as el
 from tests.research.make_traced_frames import CASES
 from tests.research.mucosa import VEIL
 
 
 @pytest.mark.parametrize("name", CASES)
 def test_layers_make_the_picture_and_the_truth_is_the_scene(name):
-    sample = load_traced(name)
+    sample = el.load_traced(name)
     *_, options = CASES[name]
     frame, known = sample.frame, sample.calibration
     mask = frame.mask
