@@ -96,7 +96,8 @@ def read_depth_map(
     if values.ndim != 2 or values.dtype.kind not in "fiu":
         found = f"{stored.dtype} of shape {stored.shape}"
         raise ValueError(f"{source}: expected one number for each pixel, found {found}")
-    values = values.astype(np.float64)
+    with np.errstate(invalid="ignore"):  # of nan that signal
+        values = values.astype(np.float64)
     if np.any(values < 0) and not np.any(values > 0):
         log.warning(
             "%s: all its numbers are negative, as z is where a camera looks along -z",
