@@ -6,6 +6,7 @@ import re
 import shutil
 from pathlib import Path
 
+import numpy as np
 import psutil
 import pytest
 from hypothesis import given as tried
@@ -70,6 +71,13 @@ def test_what_is_damaged_is_taken_or_refused_in_one_sentence(name, given, tmp_pa
             assert peak - before < MOST_MEMORY
 
     attack()
+
+
+def test_a_nan_that_signals_is_read_without_a_warning(tmp_path):
+    signals = np.full((4, 4), 0x7FA00000, np.uint32)
+    signals[:2] = np.float32(30).view(np.uint32)
+    np.save(tmp_path / "depth.npy", signals.view(np.float32))
+    assert np.isnan(read_depth_map(tmp_path / "depth.npy").values[2:]).all()
 
 
 @pytest.mark.parametrize("name", ["frames.csv", "report.json", "frames/5/depth.npz"])
