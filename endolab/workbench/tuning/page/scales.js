@@ -23,17 +23,15 @@ export function typed(text) {
  * @type {(low: number, high: number, count: number, log?: boolean) => number[]}
  */
 export function rounds(low, high, count, log) {
-  const found = [];
+  const found = [], parts = log && high / low > 10 ** (count / 2) ? [1] : [1, 2, 5];
   if (log && high / low > 8) {
-    const some = high / low > 10 ** (count / 2) ? [1] : [1, 2, 5];
     for (let ten = 10 ** Math.floor(Math.log10(low)); ten <= high; ten *= 10) {
-      const decade = some.map((part) => part * ten);
-      found.push(...decade.filter((one) => one >= low * 0.999 && one <= high * 1.001));
+      found.push(...parts.map((part) => part * ten));
     }
-    return found;
+    return found.filter((one) => one >= low * 0.999 && one <= high * 1.001);
   }
   const least = (high - low) / count, power = 10 ** Math.floor(Math.log10(least));
-  const step = [1, 2, 5, 10].map((part) => part * power).find((one) => one >= least * 0.999);
+  const step = power * [1, 2, 5, 10].find((part) => part * power >= least * 0.999);
   for (let i = Math.ceil(low / step - 1e-6); i * step <= high + 1e-6 * step; i++) {
     found.push(i * step);
   }

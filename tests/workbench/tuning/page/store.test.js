@@ -3,7 +3,7 @@ import assert from "node:assert/strict";
 import { readFileSync, readdirSync } from "node:fs";
 import { beforeEach, test } from "node:test";
 
-import { fit, has_left, leave_out, see, seen, widen }
+import { has_left, leave_out, see, seen, widen }
   from "../../../../endolab/workbench/tuning/page/sight.js";
 import { Store } from "../../../../endolab/workbench/tuning/page/store.js";
 import { map_of } from "../../../../endolab/workbench/tuning/page/maps.js";
@@ -148,7 +148,7 @@ test("colours that the surface has left are fitted, and held again", () => {
   python.state = 1;
   answer({}, 40);
   assert.ok(has_left(store));
-  fit(store);
+  store.fit();
   assert.equal(map_of(store, "distance").low, 40);
   assert.ok(!has_left(store));
 });
