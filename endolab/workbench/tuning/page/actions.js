@@ -4,7 +4,7 @@ import { add_film } from "./film.js";
 const TYPING = "textarea, input:not([type=range]), [contenteditable=true], .cm-editor";
 
 /**
- * Lets them do it, adds what plays the solver's way, and a wipe; returns what stops it all.
+ * Lets them do it, and adds what plays the solver's way; returns what stops it all.
  * @type {(store: Store, root: Element, panels: Panels) => () => void}
  */
 export function add_actions(store, root, panels) {

@@ -2,19 +2,13 @@
 import { clip, path, write } from "./drawing.js";
 import { rounds, share_of, short } from "./scales.js";
 
-/**
- * @typedef {{label: string, low: number, high: number, log?: boolean,
- *   ticks?: [number, string][]}} Axis
- * @typedef {{x: ArrayLike<number>, y: ArrayLike<number>, colour: string, name?: string,
- *   right?: boolean}} Line
- * @typedef {{x: number, y: number, colour: string, text?: string}} Dot
- */
+/** @typedef {{label: string, low: number, high: number, log?: boolean, ticks?: any[][]}} Axis */
 
 /**
  * Draws a chart, and returns where values lie on it, px. A rule is a line across at an x or a y;
  * `right` is another axis, for lines that say so; `equal` gives a unit one length along both.
- * @param {{x: Axis, y: Axis, right?: Axis, lines: Line[], dots?: Dot[], rules?: object[],
- *   equal?: boolean, down?: boolean}} content
+ * @param {{x: Axis, y: Axis, right?: Axis, lines: object[], dots?: object[], rules?: object[],
+ *   equal?: boolean, down?: boolean}} content  all with an x, a y and a colour
  */
 export function draw_chart(pen, wide, tall, content, { ink, faint }) {
   const { x, y, right, lines, dots = [], rules = [], equal, down } = content;

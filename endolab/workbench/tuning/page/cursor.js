@@ -11,21 +11,19 @@ function press(store, { name, axes, dots, map }, [left, , scale, [x, , w]], { of
     };
     const edge = left + scale * (x + store.wipe * w);
     if (is_wiped(store, name) && Math.abs(edge - offsetX) < 8) return wipe;
-    if (store.covers) {
-      store.corner = store.cursor;
-      return () => store.tell("draw");
-    }
-    lay_section(store);
-    return () => { if (store.cursor) lay_section(store); };
+    if (store.covers) store.corner = store.cursor;
+    const lay = () => (store.corner ? store.tell("draw") : store.cursor && lay_section(store));
+    lay();
+    return lay;
   }
   if (name === "section") {
     store.cut.is_row = !store.cut.is_row;
     store.tell("draw");
+  } else if (name === "λ curve" && axes) {
+    const away = (dot) => Math.hypot(axes.to_x(dot.x) - offsetX, axes.to_y(dot.y) - offsetY);
+    const [near] = dots.sort((one, other) => away(one) - away(other));
+    if (near && away(near) < 14) store.turn({ lam: near.x });
   }
-  if (name !== "λ curve" || !axes) return undefined;
-  const away = ({ x: lam, y }) => Math.hypot(axes.to_x(lam) - offsetX, axes.to_y(y) - offsetY);
-  const [near] = dots.sort((a, b) => away(a) - away(b));
-  if (near && away(near) < 14) store.turn({ lam: near.x });
   return undefined;
 }
 
@@ -65,7 +63,7 @@ export function follow_cursor(store, panel) {
   }, { passive: false });
 }
 
-/** Shows a mark at a place in a panel, or in 3D. @type {(mark: Element, at?: number[]) => void} */
+/** Shows a mark at a place, px, or hides it. @type {(mark: Element, at?: number[]) => void} */
 export function put(mark, at) {
   mark.hidden = !at;
   if (at) Object.assign(mark.style, { left: `${at[0]}px`, top: `${at[1]}px` });
@@ -73,24 +71,19 @@ export function put(mark, at) {
 
 /** Marks the cursor in all panels, and tells what each map has there. */
 export function show_cursor(store, panels, solid) {
-  const { cursor, cut, now } = store, { distance, rays } = now.arrays;
-  const [j, i] = cursor ?? [], p = cursor && i * now.still.width + j, known = distance?.[p] > 0;
-  const point = known && [0, 1, 2].map((axis) => distance[p] * rays[3 * p + axis]);
-  const is_on = known && cursor[cut.is_row ? 1 : 0] === line_of(store);
+  const { cursor, cut, now } = store, { distance, rays } = now.arrays, across = cut.is_row ? 0 : 1;
+  const [j, i] = cursor ?? [], p = cursor && i * now.still.width + j;
+  const point = distance?.[p] > 0 && [0, 1, 2].map((axis) => distance[p] * rays[3 * p + axis]);
+  const is_on = point && cursor[1 - across] === line_of(store);
   for (const { map, name, axes, said, mark, wide, tall } of panels) {
-    const is_map = cursor && map && !map.empty;
+    const { values, empty, unit = "" } = map ?? {}, is_map = cursor && map && !empty;
+    const [left, top, scale] = is_map ? spot(store, { wide, tall }) : [];
+    const lies = is_on && name === "section" && [axes.to_x(point[2]), axes.to_y(point[across])];
+    put(mark, is_map ? [left + scale * (j + 0.5), top + scale * (i + 0.5)] : lies);
+    const value = values?.[p] ?? 0;
+    const told = value === value ? `${short(value, 4)} ${unit}` : "left out";
+    said.textContent = `${j}, ${i}${values ? `: ${told}` : ""}`;
     said.hidden = !is_map;
-    put(mark);
-    if (is_map) {
-      const { values, unit = "" } = map, [left, top, scale] = spot(store, { wide, tall });
-      const here = values ? values[p] : 0, known_here = here === here;
-      const told = known_here ? `: ${short(here, 4)} ${unit}` : ": left out";
-      said.textContent = `${j}, ${i}${values ? told : ""}`;
-      put(mark, [left + scale * (j + 0.5), top + scale * (i + 0.5)]);
-    }
-    if (is_on && name === "section") {
-      put(mark, [axes.to_x(point[2]), axes.to_y(point[cut.is_row ? 0 : 1])]);
-    }
   }
   solid.point(point);
 }

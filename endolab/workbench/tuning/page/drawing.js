@@ -3,23 +3,17 @@ import { rounds, share_of, short } from "./scales.js";
 
 export const RED = "#d55e00", GREEN = "#009e73", BLUE = "#0072b2", BLACK = "#888";
 
-/**
- * A new node in another.
- * @type {(tag: string, name: string, to: Element, more?: object) => HTMLElement}
- */
+/** A new node in another, and what it is given. @param {Element} to @param {object} [more] */
 export const add = (tag, name, to, more = {}) =>
   to.appendChild(Object.assign(document.createElement(tag), name && { className: name }, more));
 
-/**
- * Numbers or bytes that lie in a page, as base 64.
- * @type {(kind: "f4" | "u1", text: string) => Float32Array | Uint8Array}
- */
+/** Numbers or bytes that lie in a page as base 64. @param {"f4" | "u1"} kind */
 export function unpacked(kind, text) {
   const bytes = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
   return kind === "f4" ? new Float32Array(bytes.buffer) : bytes;
 }
 
-/** Gives a canvas a size, px; one that has it keeps what is drawn. */
+/** A canvas of a size, px; one that has it keeps what is drawn. */
 export function size_to(canvas, width, height) {
   const is_so = canvas.width === width && canvas.height === height;
   return is_so ? canvas : Object.assign(canvas, { width, height });

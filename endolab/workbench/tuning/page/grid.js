@@ -1,11 +1,9 @@
 // The surface as triangles: a grid of pixels, torn along the crack where it is cut. No DOM here.
 
 /**
- * Lays triangles over every few pixels. Each corner of one has the distance of one pixel: beyond a
- * crack that of the side that it belongs to, so that both sides reach it. `at` tells where a corner
- * lies in the picture, 0 to 1.
- * @type {(frame: {rays: Float32Array, cuts: Uint8Array, width: number, height: number},
- *   step: number) => {pixels: number[], rays: number[], at: number[], corners: number[]}}
+ * Lays triangles over every few pixels. Each corner of one has the distance of one pixel, up to a
+ * crack, so that both sides reach it. `at` tells where a corner lies in the picture, 0 to 1.
+ * @param {{rays: Float32Array, cuts: Uint8Array, width: number, height: number}} frame
  */
 export function lay_grid({ rays, cuts, width, height }, step) {
   const pixels = [], seen = [], at = [], corners = [];

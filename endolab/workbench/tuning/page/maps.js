@@ -5,13 +5,9 @@ import { ends_of, percentile, rounds, short } from "./scales.js";
 import { covered, is_wiped, line_of, spot } from "./sight.js";
 import { COMPARED } from "./store.js";
 
-/**
- * @typedef {{values?: Float32Array, picture?: Uint8Array, empty?: string, title?: string,
- *   keys?: [string, number[]][], unit?: string, palette?: Uint32Array, low?: number,
- *   high?: number, log?: boolean}} PanelMap  numbers and their colours, a picture, or why none is
- */
+/** @typedef {object} PanelMap  `values` and their colours, a `picture`, or why it is `empty` */
 
-// Where colours end is held until all is asked anew; of B / A - 1, while the hand moves.
+// Where colours end is held until all is asked anew; of B / A - 1, in looks.
 function scaled({ now, facts }, name, values, more) {
   const { palette, kind, unit } = facts.scales[name] ?? facts.scales.error;
   if (name === COMPARED && !now.moving) delete now.held[name];
@@ -20,10 +16,7 @@ function scaled({ now, facts }, name, values, more) {
   return { unit: unit ?? now.still.unit, ...scale, values, ...more };
 }
 
-/**
- * What a map shows, of these arrays.
- * @type {(store: Store, name: string, arrays?: object) => PanelMap}
- */
+/** What it shows. @type {(store: Store, name: string, arrays?: object) => PanelMap} */
 export function map_of(store, name, arrays = store.now.arrays) {
   const { now, kept, facts } = store, { truth, distance } = arrays, spec = now.maps[name];
   if (name === "frame") return { picture: arrays.picture };

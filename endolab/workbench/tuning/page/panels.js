@@ -68,9 +68,9 @@ export class Panels {
     this.draw();
   }
 
-  /** All of them as one picture, as they are seen, under the line: a data link, PNG. */
+  /** All as one picture, as they are seen, under the line: a data link, PNG. */
   board() {
-    const ratio = window.devicePixelRatio || 1, outer = this.stage.getBoundingClientRect();
+    const ratio = devicePixelRatio, outer = this.stage.getBoundingClientRect();
     const canvas = document.createElement("canvas"), pen = canvas.getContext("2d"), above = 22;
     const { surface, size } = this.solid, { final, now } = this.store, { width, height } = outer;
     [canvas.width, canvas.height] = [width, height + above].map((side) => Math.ceil(ratio * side));

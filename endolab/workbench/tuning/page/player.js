@@ -16,8 +16,8 @@ async function unpack(packed, count, size) {
 /** Shows it in a node. @type {(content: object, el: Element) => Promise<void>} */
 export async function play({ facts, first, messages, still, packed, low, step, end }, el) {
   const size = first.still.width * first.still.height, all = messages.length * size;
-  const planes = await unpack(packed, messages.length, size), listeners = new Set();
-  let shown; // the answer on the screen
+  const planes = await unpack(packed, messages.length, size);
+  let hear, shown; // the answer on the screen
   const show = ({ lam, regulariser }, more = {}, before = []) => {
     const away = ({ asked }) =>
       Math.abs(Math.log(asked.lam / lam)) + (asked.regulariser === regulariser ? 0 : 99);
@@ -32,14 +32,12 @@ export async function play({ facts, first, messages, still, packed, low, step, e
     const left = planes.subarray(2 * all + from, 2 * all + from + size);
     const residual = Float32Array.from(left, (code) => (code ? (code - 128) * end / 127 : NaN));
     const sent = [...before, ["distance", "f4", distance], ["model - frame", "f4", residual]];
-    const more_said = { names: sent, badge: "no Python", knobs: answer.asked, state: 0 };
-    const said = { ...answer, ...more, ...more_said };
-    for (const hear of listeners) hear(said, sent.map(([, , { buffer }]) => new DataView(buffer)));
+    const always = { names: sent, badge: "no Python", knobs: answer.asked, state: 0 };
+    hear({ ...answer, ...more, ...always }, sent.map(([, , { buffer }]) => new DataView(buffer)));
   };
   const model = {
     get: () => facts,
-    on(event, action) { if (event === "msg:custom") listeners.add(action); },
-    off(event, action) { listeners.delete(action); },
+    on(event, action) { if (event === "msg:custom") hear = action; },
     send({ do: action, given }) {
       const arrays = () => still.map(([name, kind, text]) => [name, kind, unpacked(kind, text)]);
       if (action === "ready") show(first.knobs, first, arrays());

@@ -7,37 +7,31 @@ export const EDGES = [0, 1, 0, 2, 0, 4, 1, 3, 1, 5, 2, 3, 2, 6, 3, 7, 4, 5, 4, 6
 /** Degrees to the left and up, zoom, shift (panels). */
 export const OUTSIDE = [35, 20, 1, 0, 0], CAMERA = [0, 0, 1, 0, 0];
 
-/** To the right, down and away, as one sees who stands to the left of the axis and above it. */
-export function turned([yaw, pitch]) {
-  const [y, p] = [yaw, pitch].map((angle) => angle * Math.PI / 180);
-  const [cy, sy, cp, sp] = [Math.cos(y), Math.sin(y), Math.cos(p), Math.sin(p)];
-  return [[cy, 0, -sy], [-sp * sy, cp, -sp * cy], [cp * sy, sp, cp * cy]];
-}
-
 /** The corners of a box between two of them. @param {number[][]} ends */
 export const corners_of = (ends) => CORNERS.map((corner) => corner.map((end, i) => ends[end][i]));
 
 /**
- * How a box [low, high] is seen in a panel of a width over height: `turn`, the axes, about the
- * `middle`, `back` behind it; the `lens`, so that at first the box just fits in; the `shift`; the
- * `depth` that is drawn; and where a point is `placed`: -1 to 1 to the right and up.
+ * How a box is seen in a panel of a width over height: from an `eye`, which has x to the right, y
+ * down and z away, through a `lens`, in which the box just fits at first.
+ * @type {(box: number[][], pose: number[], inside: boolean, wide: number) => {eye: DOMMatrix,
+ *   lens: DOMMatrix}}
  */
 export function view_of(box, pose, inside, wide) {
-  const [low, high] = box, [, , zoom, ...shift] = pose;
-  const centre = low.map((part, i) => (part + high[i]) / 2);
+  const [low, high] = box, [, , zoom, right, down] = pose;
+  const middle = low.map((part, i) => (part + high[i]) / 2);
   const size = Math.hypot(...low.map((part, i) => high[i] - part)) / 2;
-  const from = (axes, middle, back) => (point) => axes.map((axis, i) =>
-    axis.reduce((sum, part, k) => sum + part * (point[k] - middle[k]), i === 2 ? back : 0));
-  const rims = corners_of(box).map(from(turned(OUTSIDE), centre, 2.6 * size));
-  const fit = Math.max(...rims.map(([x, y, z]) => Math.max(Math.abs(x) / wide, Math.abs(y)) / z));
+  const eye_of = ([yaw, pitch], back, [x, y, z]) => new DOMMatrix().translate(0, 0, back)
+    .rotateAxisAngle(1, 0, 0, pitch).rotateAxisAngle(0, 1, 0, -yaw).translate(-x, -y, -z);
+  const first = eye_of(OUTSIDE, 2.6 * size, middle);
+  const fit = Math.max(...corners_of(box).map((corner) => {
+    const { x, y, z } = first.transformPoint(new DOMPoint(...corner));
+    return Math.max(Math.abs(x) / wide, Math.abs(y)) / z;
+  }));
   const back = inside ? 0 : 2.6 * size / zoom, near = inside ? 1e-3 * size : 0.05 * back;
-  const scale = inside ? 0.8 * zoom : 0.9 / fit, middle = inside ? [0, 0, 0] : centre;
-  const turn = turned(pose), lens = [scale / wide, scale];
-  const placed = (point) => {
-    const [x, y, z] = from(turn, middle, back)(point);
-    return z > 0 ? [lens[0] * x / z + 2 * shift[0], -lens[1] * y / z - 2 * shift[1]] : undefined;
-  };
-  return { turn, middle, back, lens, shift, depth: [near, back + 20 * size], placed };
+  const far = back + 20 * size, depth = far - near, scale = inside ? 0.8 * zoom : 0.9 / fit;
+  const lens = new DOMMatrix([scale / wide, 0, 0, 0, 0, -scale, 0, 0,
+    2 * right, -2 * down, (far + near) / depth, 1, 0, 0, -2 * far * near / depth, 0]);
+  return { eye: eye_of(pose, back, inside ? [0, 0, 0] : middle), lens };
 }
 
 /** The box of the near 95 % of a surface: [low, high]. */

@@ -3,13 +3,7 @@
 /** A number of so many digits. @type {(value: number, digits?: number) => string} */
 export const short = (value, digits = 3) => String(Number(value.toPrecision(digits)));
 
-/** Whether two values are the same as JSON. @type {(one: any, other: any) => boolean} */
-export const same = (one, other) => JSON.stringify(one) === JSON.stringify(other);
-
-/**
- * What is typed: a number, a list of them, null where nothing is; undefined if it is none of these.
- * @param {string} text
- */
+/** What is typed: a number, some, or null; undefined if it is none. @param {string} text */
 export function typed(text) {
   const parts = text.split(","), values = parts.map(Number);
   if (!text.trim()) return null;
@@ -18,8 +12,7 @@ export function typed(text) {
 }
 
 /**
- * Round numbers between two others, some `count` of them; 1, 2 and 5 of each decade if the axis is
- * logarithmic and long.
+ * Some `count` round numbers between two; 1, 2 and 5 of each decade on a long logarithmic axis.
  * @type {(low: number, high: number, count: number, log?: boolean) => number[]}
  */
 export function rounds(low, high, count, log) {
@@ -45,19 +38,13 @@ export function rounds(low, high, count, log) {
 export const share_of = ({ low, high, log }, value) =>
   (log ? Math.log(value / low) / Math.log(high / low) : (value - low) / (high - low));
 
-/**
- * The value below which a share of the known ones lie.
- * @type {(values: Iterable<number>, share: number) => number}
- */
+/** Which a share of the known are below. @type {(values: ArrayLike, share: number) => number} */
 export function percentile(values, share) {
   const known = Float32Array.from(values).filter((value) => value === value).sort();
   return known.length ? known[Math.floor(share * (known.length - 1))] : NaN;
 }
 
-/**
- * Where the colours of a map end: [low, high].
- * @type {(kind: string, values: Float32Array) => number[]}
- */
+/** Where colours end, [low, high]. @type {(kind: string, values: Float32Array) => number[]} */
 export function ends_of(kind, values) {
   const [first, last] = [0.01, 0.99].map((share) => percentile(values, share));
   const low = Math.max(first, 1e-3 * last);

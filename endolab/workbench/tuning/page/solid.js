@@ -33,10 +33,9 @@ export class Solid {
   /** While pictures come, it has fewer points, so that it follows the hand on software, too. */
   draw(panel = this.panel) {
     const { store, surface, view } = this, { now, kept } = store;
-    this.panel = panel;
     if (!panel) return;
-    if (view.parentNode !== panel.body) {
-      pen_of(panel);
+    if (this.panel !== panel) {
+      pen_of(this.panel = panel);
       panel.body.append(view);
     }
     const moves = performance.now() < store.came + RESTS;

@@ -1,6 +1,5 @@
-// What the tuner knows: knobs, answers, and where one looks. No DOM here: who shows any of it
-// listens. What Python says and is asked for is listed in messages.json.
-import { same } from "./scales.js";
+// What the tuner knows: knobs, answers, and where one looks. No DOM here: who shows it listens.
+// What Python says and is asked for is listed in messages.json.
 
 /** @typedef {Object<string, any>} Knobs  values by the knobs' names */
 
@@ -17,7 +16,7 @@ export class Store {
   came = -Infinity; // when the last picture did, ms
   listeners = {};
   visited = []; // final answers, for undo: their knobs, and the number of what was found
-  founds = {}; // by the JSON of the knobs, what was found first with them
+  founds = {}; // by the JSON of the knobs, what was found with them first
   scales = {}; // what is held of colours and axes, by the number of what was found
   newest = -1; // the greatest number of what was found
   // Unknown at first: `kept`, which is A; the last `final` answer, and the one `before`; the
@@ -40,11 +39,7 @@ export class Store {
 
   // Knobs
 
-  /**
-   * Turns knobs. `how`: whether all is to be found anew, and the number of what was found that is
-   * to be used.
-   * @param {Knobs} values
-   */
+  /** Turns knobs; `how`: whether all is found anew, or else with what. @param {Knobs} values */
   turn(values, ...how) {
     this.now.knobs = { ...this.now.knobs, ...values };
     this.here = undefined;
@@ -58,11 +53,10 @@ export class Store {
   }
 
   undo() {
-    const { visited } = this;
-    if (this.here === visited.at(-1) && visited.length > 1) visited.pop();
+    const { visited, here } = this;
+    if (here === visited.at(-1) && visited.length > 1) visited.pop();
     const last = visited.at(-1);
-    if (!last) return;
-    this.turn(last.asked, false, last.found);
+    if (last) this.turn(last.asked, false, last.found);
     this.here = last;
   }
 
@@ -128,9 +122,10 @@ export class Store {
     this.settled = state; // the last that was final
     this.before = this.final;
     this.final = { label: now.label, arrays: now.arrays, line };
-    if (found > this.newest) this.founds[JSON.stringify(asked)] ??= found;
+    const knobs = JSON.stringify(asked);
+    if (found > this.newest) this.founds[knobs] ??= found;
     this.newest = Math.max(this.newest, found);
-    if (here && same(here.asked, asked)) here.found = found; // which may have been forgotten
+    if (here && JSON.stringify(here.asked) === knobs) here.found = found; // maybe found again
     else this.visited.push(this.here = { asked, found });
   }
 

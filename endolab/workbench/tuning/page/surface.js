@@ -6,18 +6,16 @@ import { CAMERA, corners_of, EDGES, OUTSIDE, view_of } from "./projection.js";
 const ARROWS = { ArrowLeft: [-5, 0], ArrowRight: [5, 0], ArrowUp: [0, -5], ArrowDown: [0, 5] };
 // What is known of each corner, and of how many numbers.
 const KNOWN = { rays: 3, far: 1, at: 2 };
-// Who looks is at the origin; z is away. `view` is lens, shift and depth, `middle` ends with back.
+// Who looks is at the origin; z is away.
 const VERTEX = `#version 300 es
-uniform mat3 turn; uniform vec4 middle; uniform vec2 view[3];
+uniform mat4 eye, lens;
 layout(location = 0) in vec3 ray; layout(location = 1) in float far;
 layout(location = 2) in vec2 lies; out vec3 place, away; out vec2 at;
 void main() {
-  away = ray * turn;
-  place = (far * ray - middle.xyz) * turn + vec3(0.0, 0.0, middle.w);
+  away = mat3(eye) * ray;
+  place = (eye * vec4(far * ray, 1.0)).xyz;
   at = lies;
-  vec2 across = view[0] * place.xy + 2.0 * view[1] * place.z, depth = view[2];
-  float z = (depth.y + depth.x) * place.z - 2.0 * depth.x * depth.y;
-  gl_Position = vec4(across.x, -across.y, z / (depth.y - depth.x), place.z);
+  gl_Position = lens * vec4(place, 1.0);
 }`;
 // Relief by a lamp that the viewer holds. From outside, what the endoscope sees at more than 85° is
 // left open: it joins the two sides of a fold.
@@ -133,10 +131,7 @@ export class Surface {
     this.turned();
   }
 
-  /**
-   * Lays a grid over every few pixels, torn where the surface is cut; of layer 0, or of A, 1.
-   * @type {(frame: object, step: number, which?: 0 | 1) => void}
-   */
+  /** Lays a grid over every few pixels, torn where it is cut. @param {0 | 1} [which]  1 is A */
   lay(frame, step, which = 0) {
     const { pixels, ...known } = lay_grid(frame, step);
     this.layers[which].pixels = new Uint32Array(pixels);
@@ -167,10 +162,8 @@ export class Surface {
     const [width, height] = sides.map((side) => Math.round(ratio * side));
     if (!gl || !width || !height || !this.box) return;
     size_to(canvas, width, height);
-    const { turn, middle, back, lens, shift, depth } = this.view(width / height);
-    uniform("Matrix3fv", "turn", false, turn.flat());
-    uniform("4fv", "middle", [...middle, back]);
-    uniform("2fv", "view", [...lens, ...shift, ...depth]);
+    const view = this.view(width / height);
+    for (const name in view) uniform("Matrix4fv", name, false, view[name].toFloat32Array());
     uniform("1f", "least", this.inside ? 0 : 0.087);
     gl.viewport(0, 0, width, height);
     gl.scissor(0, 0, width, height);
@@ -191,8 +184,9 @@ export class Surface {
   /** Where a point is in the panel, px to the right and down. @param {number[]} point */
   place(point) {
     const { clientWidth, clientHeight } = this.canvas;
-    const at = this.view(clientWidth / clientHeight).placed(point);
-    return at && [clientWidth * (1 + at[0]) / 2, clientHeight * (1 - at[1]) / 2];
+    const { eye, lens } = this.view(clientWidth / clientHeight);
+    const { x, y, w } = lens.multiply(eye).transformPoint(new DOMPoint(...point));
+    return w > 0 && [clientWidth * (1 + x / w) / 2, clientHeight * (1 - y / w) / 2];
   }
 
   free() { this.gl?.getExtension("WEBGL_lose_context")?.loseContext(); } // a page may have sixteen
