@@ -87,7 +87,7 @@ def test_each_map_that_a_panel_can_show_is_numbers_or_a_picture_of_the_frames_si
 def test_all_that_is_left_out_is_hatched_on_the_frame(seen):
     """Rectangles were; what lies outside a mask, and highlights that are ignored, were not."""
     problem = el.reconstruct(*seen[:2], solver="facing").problem
-    evidence = np.zeros(problem.mask.shape, np.uint8)
+    evidence = np.zeros(problem.mask.shape, np.int8)
     evidence[40:60, 60:80] = NONE
     mask = problem.mask & (np.arange(160) > 40)
     given = replace(problem, mask=mask, evidence=evidence)
