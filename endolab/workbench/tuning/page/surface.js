@@ -134,7 +134,7 @@ export class Surface {
   /** Lays a grid over every few pixels, torn where it is cut. @param {0 | 1} [which]  1 is A */
   lay(frame, step, which = 0) {
     const { pixels, ...known } = lay_grid(frame, step);
-    this.layers[which].pixels = new Uint32Array(pixels);
+    this.layers[which].pixels = pixels;
     this.fill_layer(which, known);
   }
 
@@ -147,8 +147,10 @@ export class Surface {
 
   /** Takes distances, and the box [low, high] that holds them. */
   show(map, box, which = 0) {
+    const { pixels } = this.layers[which], far = new Float32Array(pixels.length);
+    for (let p = 0; p < far.length; p++) far[p] = map[pixels[p]];
     this.box = box;
-    this.fill_layer(which, { far: Float32Array.from(this.layers[which].pixels, (p) => map[p]) });
+    this.fill_layer(which, { far });
     this.fill_layer(2, { rays: corners_of(box).flat() });
   }
 

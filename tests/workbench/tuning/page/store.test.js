@@ -170,8 +170,11 @@ test("3D is there once, and moves", () => {
   assert.deepEqual(store.panels.slice(0, 5), ["3D", "distance", "model - frame", "section", "frame"]);
 });
 
-test("where an answer is not unique is what asking anew has changed", () => {
+test("where an answer is not unique is what asking anew has changed, whatever was A", () => {
   python.state = 1;
+  answer({ moving: true }, 30);
+  store.keep();
+  python.state = 2;
   answer({ anew: true }, 40);
   store.compare_with_before();
   assert.deepEqual([store.kept.arrays.distance[0], store.panels[2]], [20, "B / A - 1"]);
