@@ -2,8 +2,7 @@
 /**
  * L = g cos^k′ α cosᵐ ψ / d² f_r cos θ, I = L^(1/γ); d from the lamp, f_r at the half angle of lamp
  * and lens. Returns the factors, L and I as maps, nan where a ray misses the plane.
- * @type {(camera: {rays: Float32Array, width: number, height: number}, knobs: object,
- *   nodes: number[], brdf: number[]) => Float32Array[]}
+ * @type {(camera: object, knobs: object, nodes: number[], brdf: number[]) => Float32Array[]}
  */
 export function shade({ rays, width, height }, knobs, nodes, brdf) {
   const { k, m, gamma, gain, lamp, tilt, depth } = knobs, size = width * height;

@@ -6,7 +6,7 @@ export function seen({ now, zoom: [x, y, size] }) {
   return [left + x * w, top + y * h, size * w, size * h];
 }
 
-/** In a panel, px: left and top of the frame, and of its pixels' length; and what is seen of it. */
+/** In a panel, px: the frame's left and top, how long its pixels are, and what is seen of it. */
 export function spot(store, { wide, tall }) {
   const part = seen(store), [x, y, w, h] = part, scale = Math.min((wide - 56) / w, tall / h);
   return [(wide - 56 - scale * w) / 2 - scale * x, (tall - scale * h) / 2 - scale * y, scale, part];
