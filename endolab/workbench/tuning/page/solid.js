@@ -8,7 +8,7 @@ import { Surface } from "./surface.js";
 const RESTS = 250; // ms without a picture, after which the hand rests
 
 export class Solid {
-  laid = []; // the cuts and the step of B and A
+  laid = []; // the pictures that lie on B and A
 
   /** @type {(store: Store, view: Element) => void} */
   constructor(store, view) {
@@ -18,7 +18,6 @@ export class Solid {
     if (store.facts.alone) dress.length = 4; // what is found once the hand rests is asked for
     dress.onchange = () => {
       store.dress = dress.value;
-      this.laid = [];
       store.choose_maps();
     };
     const surface = this.surface = new Surface(view, () => {
@@ -55,13 +54,11 @@ export class Solid {
   // One of the two, B or A.
   lay(arrays, step, box, which) {
     const { store, surface, laid } = this, { still, arrays: { rays } } = store.now;
-    const { cuts } = arrays, was = laid[which] ?? {};
-    if (was.cuts !== cuts || was.step !== step) surface.lay({ ...still, rays, cuts }, step, which);
-    if (was.cuts !== cuts || store.dress !== "frame") {
-      const map = map_of(store, store.dress, arrays);
-      surface.dress(canvas_of(map.empty ? map_of(store, "frame") : map, still), which);
-    }
-    laid[which] = { cuts, step };
+    const asked = map_of(store, store.dress, arrays);
+    const map = asked.empty ? map_of(store, "frame") : asked;
+    surface.lay({ ...still, rays, cuts: arrays.cuts }, step, which);
+    if (map.values || laid[which] !== map.picture) surface.dress(canvas_of(map, still), which);
+    laid[which] = map.picture;
     surface.show(arrays.distance, box, which);
   }
 

@@ -133,8 +133,10 @@ export class Surface {
 
   /** Lays a grid over every few pixels, torn where it is cut. @param {0 | 1} [which]  1 is A */
   lay(frame, step, which = 0) {
+    const layer = this.layers[which], { cuts } = frame;
+    if (layer.cuts === cuts && layer.step === step) return;
     const { pixels, ...known } = lay_grid(frame, step);
-    this.layers[which].pixels = pixels;
+    Object.assign(layer, { pixels, cuts, step });
     this.fill_layer(which, known);
   }
 
