@@ -57,10 +57,18 @@ def rgba(picture: FloatArray) -> NDArray[np.uint8]:
 def still_of(
     problem: Problem, truth: FloatArray | None
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """What stays while energy and light are turned: facts, and arrays by their names."""
+    """What stays while energy and light are turned: facts, and arrays by their names.
+
+    What is left out is hatched on the picture.
+    """
     height, width = problem.mask.shape
     rows = np.flatnonzero(problem.mask.any(axis=1))
     columns = np.flatnonzero(problem.mask.any(axis=0))
+    left_out = ~problem.mask
+    if problem.evidence is not None:
+        left_out |= problem.evidence == NONE
+    picture = rgba(problem.shown)
+    picture[left_out & (np.indices(left_out.shape).sum(axis=0) % 6 == 0), :3] ^= 128
     cuts = np.zeros((height, width), np.uint8)
     if problem.cuts is not None:
         cuts = (problem.cuts[0] + 2 * problem.cuts[1]).astype(np.uint8)
@@ -74,7 +82,7 @@ def still_of(
         ],
     }
     arrays = {
-        "picture": rgba(problem.shown),
+        "picture": picture,
         "rays": np.nan_to_num(problem.field.rays),
         "cuts": cuts,
         "truth": np.empty(0) if truth is None else truth,

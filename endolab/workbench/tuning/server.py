@@ -24,6 +24,7 @@ import tornado.websocket
 from anywidget import AnyWidget
 
 from endolab.io.atomic import one_sentence
+from endolab.workbench.tuning.script import page_script
 
 # s, after the last page was left, until all ends: one that is loaded again is back sooner.
 AFTER_LEAVING = 3.0
@@ -112,7 +113,7 @@ class Page:
         if self._ending is not None:
             self._ending.cancel()
         self._pages.add(page)
-        state = {name: self.widget.get_state()[name] for name in ("_esm", "_css", "facts")}
+        state = {"facts": self.widget.get_state()["facts"]}
         page.tell(json.dumps({"state": state, "buffers": 0}))
 
     def leave(self, page: _Channel) -> None:
@@ -130,12 +131,13 @@ class _Whole(tornado.web.RequestHandler):
         self.page = page
 
     def get(self) -> None:
-        script = HERE.with_name("page").joinpath("page.js").read_text(encoding="utf-8")
+        style = HERE.with_name("tuner.css").read_text(encoding="utf-8")
         channel = (self.page.origin or "").replace("http", "ws", 1)
         self.set_header("Content-Security-Policy", CONTENT_POLICY % channel)
         self.set_header("Cache-Control", "no-store")
         page = str(HERE.with_name("page.html"))
-        self.render(page, title=self.page.title, script=script)
+        script = page_script("page")
+        self.render(page, title=self.page.title, style=style, script=script)
 
 
 class _Channel(tornado.websocket.WebSocketHandler):

@@ -173,6 +173,7 @@ class TunerBox(anywidget.AnyWidget):
         del options["width"]
         super().__init__(
             facts={
+                "html": Path(__file__).with_name("tuner.html").read_text(encoding="utf-8"),
                 "specs": [spec | known.get(spec["name"], {}) for spec in specs],
                 "first": vars(self.knobs),
                 "presets": {name: options | more for name, more in PRESETS.items()},

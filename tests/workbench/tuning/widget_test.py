@@ -18,6 +18,8 @@ from endolab.io.images import write_image
 from endolab.io.settings import SolvingSettings, read_settings
 from endolab.io.surfaces import read_depth
 from endolab.reconstruction.settings import option_types
+from endolab.solvers.problem import NONE
+from endolab.workbench.tuning.maps import rgba, still_of
 from endolab.workbench.tuning.messages import MESSAGES
 from endolab.workbench.tuning.source import Knobs, Source
 from endolab.workbench.tuning.widget import KNOBS, TunerBox
@@ -80,6 +82,20 @@ def test_each_map_that_a_panel_can_show_is_numbers_or_a_picture_of_the_frames_si
         assert arrays[name].size == 4 * size
     shown = box.answer.result.distance.ravel().astype("f4")
     assert np.array_equal(arrays["distance"], shown, equal_nan=True)
+
+
+def test_all_that_is_left_out_is_hatched_on_the_frame(seen):
+    """Rectangles were; what lies outside a mask, and highlights that are ignored, were not."""
+    problem = el.reconstruct(*seen[:2], solver="facing").problem
+    evidence = np.zeros(problem.mask.shape, np.int8)
+    evidence[40:60, 60:80] = NONE
+    mask = problem.mask & (np.arange(160) > 40)
+    given = replace(problem, mask=mask, evidence=evidence)
+    changed = still_of(given, None)[1]["picture"] != rgba(given.shown)
+    hatched = changed.any(axis=-1)
+    for left_out in (~mask, evidence == NONE):
+        assert 0.1 < hatched[left_out].mean() < 0.3
+    assert not hatched[mask & (evidence != NONE)].any()
 
 
 @pytest.mark.parametrize(

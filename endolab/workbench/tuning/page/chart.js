@@ -1,20 +1,14 @@
 // Lines and dots on axes.
-import { path } from "./drawing.js";
+import { clip, path, write } from "./drawing.js";
 import { rounds, share_of, short } from "./scales.js";
 
-/**
- * @typedef {{label: string, low: number, high: number, log?: boolean,
- *   ticks?: [number, string][]}} Axis
- * @typedef {{x: ArrayLike<number>, y: ArrayLike<number>, colour: string, name?: string,
- *   right?: boolean}} Line
- * @typedef {{x: number, y: number, colour: string, text?: string}} Dot
- */
+/** @typedef {{label: string, low: number, high: number, log?: boolean, ticks?: any[][]}} Axis */
 
 /**
  * Draws a chart, and returns where values lie on it, px. A rule is a line across at an x or a y;
  * `right` is another axis, for lines that say so; `equal` gives a unit one length along both.
- * @param {{x: Axis, y: Axis, right?: Axis, lines: Line[], dots?: Dot[], rules?: object[],
- *   equal?: boolean, down?: boolean}} content
+ * @param {{x: Axis, y: Axis, right?: Axis, lines: object[], dots?: object[], rules?: object[],
+ *   equal?: boolean, down?: boolean}} content  all with an x, a y and a colour
  */
 export function draw_chart(pen, wide, tall, content, { ink, faint }) {
   const { x, y, right, lines, dots = [], rules = [], equal, down } = content;
@@ -29,38 +23,31 @@ export function draw_chart(pen, wide, tall, content, { ink, faint }) {
   const to_x = (value) => left + w * share_of(x, value);
   const to_y = (value, axis = y) =>
     top + h * (down ? share_of(axis, value) : 1 - share_of(axis, value));
-  const labels = (axis, count) =>
-    axis.ticks ?? rounds(axis.low, axis.high, count, axis.log).map((one) => [one, short(one)]);
-  Object.assign(pen, { strokeStyle: faint, fillStyle: ink, lineWidth: 1 });
-  Object.assign(pen, { textAlign: "center", textBaseline: "top" });
+  const labels = (axis, count) => axis.ticks ??
+    rounds(axis.low, axis.high, Math.floor(count), axis.log).map((one) => [one, short(one)]);
+  Object.assign(pen, { strokeStyle: faint, lineWidth: 1 });
   let end = 0; // of the last label
-  for (const [value, text] of labels(x, Math.floor(w / 50))) {
+  for (const [value, text] of labels(x, w / 50)) {
     const half = pen.measureText(text).width / 2;
     pen.strokeRect(to_x(value), top, 0, h);
     if (to_x(value) - half < end) continue;
-    pen.fillText(text, to_x(value), top + h + 3);
+    write(pen, text, to_x(value), top + h + 3, ink, "center");
     end = to_x(value) + half + 5;
   }
-  pen.fillText(x.label, left + w / 2, tall - 14);
-  for (const axis of right ? [y, right] : [y]) {
-    const [place, textAlign] = axis === y ? [left - 4, "right"] : [left + w + 4, "left"];
-    Object.assign(pen, { textAlign, textBaseline: "middle" });
-    for (const [value, text] of labels(axis, Math.floor(h / 28))) {
-      if (axis === right && value <= axis.low) continue;
-      if (axis === y) pen.strokeRect(left, to_y(value), w, 0);
-      pen.fillText(text, place, to_y(value, axis));
-    }
+  write(pen, x.label, left + w / 2, tall - 14, ink, "center");
+  for (const [value, text] of labels(y, h / 28)) {
+    pen.strokeRect(left, to_y(value), w, 0);
+    write(pen, text, left - 4, to_y(value), ink, "right", "middle");
+  }
+  for (const [value, text] of right ? labels(right, h / 28).slice(1) : []) { // above its low end
+    write(pen, text, left + w + 4, to_y(value, right), ink, "left", "middle");
   }
   pen.save();
   pen.translate(7, top + h / 2);
   pen.rotate(-Math.PI / 2);
-  Object.assign(pen, { textAlign: "center", textBaseline: "middle" });
-  pen.fillText(y.label, 0, 0);
+  write(pen, y.label, 0, 0, ink, "center", "middle");
   pen.restore();
-  pen.save();
-  pen.beginPath();
-  pen.rect(left, top, w, h);
-  pen.clip();
+  clip(pen, left, top, w, h);
   pen.lineWidth = 2;
   for (const { x: across, y: up, colour } of rules) {
     pen.strokeStyle = colour;
@@ -76,16 +63,13 @@ export function draw_chart(pen, wide, tall, content, { ink, faint }) {
     pen.beginPath();
     pen.arc(to_x(across), to_y(up), 4.5, 0, 7);
     pen.fill();
-    Object.assign(pen, { fillStyle: ink, textAlign: "center", textBaseline: "bottom" });
     const within = Math.min(Math.max(to_x(across), left + 12), left + w - 12);
-    if (text) pen.fillText(text, within, to_y(up) - 6);
+    if (text) write(pen, text, within, to_y(up) - 6, ink, "center", "bottom");
   }
   pen.restore();
-  pen.textAlign = "left";
   let place = 6;
   for (const { name, colour } of lines.filter((line) => line.name)) {
-    Object.assign(pen, { fillStyle: colour, textBaseline: "top" });
-    pen.fillText(name, place, 2);
+    write(pen, name, place, 2, colour);
     place += pen.measureText(name).width + 10;
   }
   return { to_x, to_y };

@@ -1,18 +1,18 @@
 // Charts of λ, and of a run.
-import { BLACK, BLUE, GREEN, pen_of, RED } from "./drawing.js";
 import { draw_chart } from "./chart.js";
+import { BLACK, BLUE, GREEN, pen_of, RED } from "./drawing.js";
 import { height_of, short } from "./scales.js";
 
 const SHARES = [50, 80, 90, 97, 99, 99.7, 99.9, 99.97]; // %, beside the axis
 const RULE = "#009e7388";
 
 /** Draws what each λ explains that was tried, and its error; a dot is clicked to take its λ. */
-export function draw_curve({ now, facts }, panel, colours) {
-  const { curve } = now, pen = pen_of(panel);
+export function draw_curve({ now: { curve }, facts }, panel, colours) {
+  const pen = pen_of(panel);
   panel.title.textContent = curve?.title ?? "";
   panel.axes = undefined; // where there are no dots, none is clicked
   if (!curve?.lams) return;
-  const { lams, explained, errors, best } = curve;
+  const { lams, explained, errors, best, now } = curve;
   const { range } = facts.specs.find((spec) => spec.name === "lam");
   const x = { label: "λ", low: 10 ** range[0], high: 10 ** range[1], log: true };
   const ticks = SHARES.map((share) => [height_of(share / 100), String(share)]);
@@ -25,15 +25,14 @@ export function draw_curve({ now, facts }, panel, colours) {
     lines.push({ x: lams, y: known, colour: BLACK, name: "error [%]", right: true });
     right = { low: 0, high: Math.max(...errors) * 1.15 };
   }
-  panel.dots = lams.map((lam, i) => {
-    const is_now = lam === curve.now, colour = is_now ? RED : BLUE;
-    return { x: lam, y: height_of(explained[i]), colour, text: is_now ? short(lam, 2) : "" };
-  });
+  const dots = panel.dots = lams.map((lam, i) => ({ x: lam, y: height_of(explained[i]),
+    ...(lam === now ? { colour: RED, text: short(lam, 2) } : { colour: BLUE }) }));
   if (best) { // the title tells it
-    panel.dots.push({ x: best, y: enough, colour: GREEN });
+    dots.push({ x: best, y: enough, colour: GREEN });
     rules.push({ x: best, colour: RULE });
   }
-  panel.axes = draw_chart(...pen, { x, y, right, lines, dots: panel.dots, rules }, colours);
+  const content = { x, y, right, lines, dots, rules };
+  panel.axes = draw_chart(pen, panel.wide, panel.tall, content, colours);
 }
 
 /** Draws how the energy of a run fell. */
@@ -47,5 +46,5 @@ export function draw_energy({ now: { energy } }, panel, colours) {
   const x = { label: "iteration", low: first, high: Math.max(energy.k.at(-1), first + 1) };
   const [low, high] = [Math.min(...all) / 1.5, Math.max(...all) * 1.5];
   const y = { label: "energy", low, high, log: true };
-  draw_chart(...pen, { x, y, lines }, colours);
+  draw_chart(pen, panel.wide, panel.tall, { x, y, lines }, colours);
 }

@@ -3,36 +3,31 @@ import { rounds, share_of, short } from "./scales.js";
 
 export const RED = "#d55e00", GREEN = "#009e73", BLUE = "#0072b2", BLACK = "#888";
 
-/**
- * A new node in another.
- * @type {(tag: string, name: string, to: Element, more?: object) => HTMLElement}
- */
-export const add = (tag, name, to, more = {}) => {
-  const node = to.appendChild(document.createElement(tag));
-  if (name) node.className = name;
-  return Object.assign(node, more);
-};
+/** A new node in another, and what it is given. @param {Element} to @param {object} [more] */
+export const add = (tag, name, to, more = {}) =>
+  to.appendChild(Object.assign(document.createElement(tag), name && { className: name }, more));
 
-/**
- * Numbers or bytes that lie in a page, as base 64.
- * @type {(kind: "f4" | "u1", text: string) => Float32Array | Uint8Array}
- */
+/** Numbers or bytes that lie in a page as base 64. @param {"f4" | "u1"} kind */
 export function unpacked(kind, text) {
   const bytes = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
   return kind === "f4" ? new Float32Array(bytes.buffer) : bytes;
 }
 
+/** A canvas of a size, px; one that has it keeps what is drawn. */
+export function size_to(canvas, width, height) {
+  const is_so = canvas.width === width && canvas.height === height;
+  return is_so ? canvas : Object.assign(canvas, { width, height });
+}
+
 let scratch; // one canvas for all maps: each is drawn from it at once
 
-/** Bytes, or numbers of four, as a canvas. */
-export function as_picture(rgba, width, height) {
-  scratch ??= new OffscreenCanvas(1, 1);
-  const { width: w, height: h } = scratch;
-  if (w !== width || h !== height) Object.assign(scratch, { width, height });
+/** Bytes, or numbers of four, as a canvas: that which all maps have, by default. */
+export function as_picture(rgba, width, height, own = scratch ??= new OffscreenCanvas(1, 1)) {
   const bytes = new Uint8ClampedArray(rgba.buffer, rgba.byteOffset, rgba.byteLength);
-  const pen = scratch.getContext("2d", { willReadFrequently: true });
+  const canvas = size_to(own, width, height);
+  const pen = canvas.getContext("2d", { willReadFrequently: true });
   pen.putImageData(new ImageData(bytes, width, height), 0, 0);
-  return scratch;
+  return canvas;
 }
 
 /** Numbers in the colours of a palette, as a canvas. */
@@ -48,7 +43,7 @@ export function coloured(values, { palette, low, high, log }, width, height) {
 }
 
 /** A line through points, with gaps where one is no number; `at` tells where they lie. */
-export function path(pen, xs, ys, at) {
+export function path(pen, xs, ys, at = (x, y) => [x, y]) {
   pen.beginPath();
   let down = false;
   for (let i = 0; i < xs.length; i++) {
@@ -59,32 +54,38 @@ export function path(pen, xs, ys, at) {
   pen.stroke();
 }
 
+/** Nothing is drawn outside a box until the pen is restored. */
+export function clip(pen, ...box) {
+  pen.save();
+  pen.beginPath();
+  pen.rect(...box);
+  pen.clip();
+}
+
+/** Words at a place, in a colour. */
+export function write(pen, text, x, y, fillStyle, textAlign = "left", textBaseline = "top") {
+  Object.assign(pen, { fillStyle, textAlign, textBaseline });
+  pen.fillText(text, x, y);
+}
+
 /** The colours of a scale in a box [left, top, width, height], with round numbers beside them. */
 export function draw_bar(pen, [left, top, wide, tall], scale, ink) {
-  const { palette, low, high, log } = scale;
-  if (!palette.strip) {
-    palette.strip = new OffscreenCanvas(1, palette.length);
-    const colours = new Uint8ClampedArray(palette.slice().reverse().buffer);
-    palette.strip.getContext("2d").putImageData(new ImageData(colours, 1, palette.length), 0, 0);
-  }
+  const { palette, low, high, log } = scale, colours = palette.slice().reverse();
+  palette.strip ??= as_picture(colours, 1, colours.length, new OffscreenCanvas(1, 1));
   pen.drawImage(palette.strip, left, top, wide, tall);
-  Object.assign(pen, { fillStyle: ink, strokeStyle: ink, lineWidth: 1 });
-  Object.assign(pen, { textAlign: "left", textBaseline: "middle" });
+  Object.assign(pen, { strokeStyle: ink, lineWidth: 1 });
   pen.strokeRect(left, top, wide, tall);
   for (const value of rounds(low, high, Math.max(2, Math.floor(tall / 30)), log)) {
-    pen.fillText(short(value), left + wide + 4, top + tall * (1 - share_of(scale, value)));
+    const y = top + tall * (1 - share_of(scale, value));
+    write(pen, short(value), left + wide + 4, y, ink, "left", "middle");
   }
 }
 
-/** The pen of a panel whose canvas is as fine as the screen and empty; and its size, px. */
+/** The pen of a panel whose canvas is as fine as the screen and empty. */
 export function pen_of({ canvas, wide, tall }) {
-  const ratio = window.devicePixelRatio || 1;
-  const size = [wide, tall].map((side) => Math.round(ratio * side));
-  if (canvas.width !== size[0] || canvas.height !== size[1]) [canvas.width, canvas.height] = size;
-  const pen = canvas.getContext("2d");
+  const ratio = devicePixelRatio, font = "11px system-ui, 'DejaVu Sans', sans-serif";
+  const pen = size_to(canvas, Math.round(ratio * wide), Math.round(ratio * tall)).getContext("2d");
   pen.setTransform(ratio, 0, 0, ratio, 0, 0);
   pen.clearRect(0, 0, wide, tall);
-  const font = "11px system-ui, 'DejaVu Sans', sans-serif";
-  Object.assign(pen, { font, lineWidth: 1, imageSmoothingEnabled: false });
-  return [pen, wide, tall];
+  return Object.assign(pen, { font, lineWidth: 1, imageSmoothingEnabled: false });
 }

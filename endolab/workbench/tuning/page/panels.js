@@ -1,80 +1,66 @@
 // Six panels: what each shows is chosen in its title.
 import { follow_cursor, show_cursor } from "./cursor.js";
 import { draw_curve, draw_energy } from "./curve.js";
-import { add } from "./drawing.js";
 import { draw_map } from "./maps.js";
 import { draw_section } from "./section.js";
 import { Solid } from "./solid.js";
 import { COMPARED, USUAL } from "./store.js";
 
 const CHARTS = { section: draw_section, "λ curve": draw_curve, energy: draw_energy };
-
-// What fills an empty panel.
-const FIND = ["find σ", (store) => store.find_sigma()];
-const FILLS = { σ: FIND, "what determined each pixel": FIND,
-  [COMPARED]: ["keep as A", (store) => store.keep()] };
+// What fills an empty panel: words, and what is done.
+const FIND = ["find σ", "find_sigma"];
+const FILLS = { σ: FIND, "what determined each pixel": FIND, [COMPARED]: ["keep as A", "keep"] };
 
 export class Panels {
+  colours = { ink: "", faint: "#8884" };
+
   /** @type {(store: Store, root: Element) => void} */
   constructor(store, root) {
-    this.store = store;
-    this.stage = add("div", "endolab-stage", root);
-    this.colours = { ink: "", faint: "#8884" };
-    this.solid = new Solid(store);
-    this.cells = store.panels.map((_, place) => this.add_panel(place));
-    store.on("panels", (place) => this.change(this.cells[place]));
-    store.on("draw", (news) => this.draw(news));
-    store.on("point", () => show_cursor(store, this.cells, this.solid));
+    const cell = root.querySelector(".endolab-cell"), stage = cell.parentNode, { panels } = store;
+    const solid = new Solid(store, root.querySelector(".endolab-3d"));
+    Object.assign(this, { store, stage, solid });
+    solid.leave();
+    for (const one of new Set([...USUAL, "error", COMPARED, "energy", ...store.facts.panels])) {
+      cell.querySelector("select").add(new Option(one));
+    }
+    stage.append(...panels.slice(1).map(() => cell.cloneNode(true)));
+    this.cells = panels.map((_, place) => this.add_panel(stage.children[place], place));
+    store.on("draw", (is_look) => this.draw(is_look));
+    store.on("point", () => show_cursor(store, this.cells, solid));
   }
 
-  add_panel(place) {
-    const { store } = this, cell = add("div", "endolab-cell", this.stage);
-    const head = add("div", "endolab-head", cell);
-    const choose = add("select", "", head, { ariaLabel: "panel" });
-    for (const one of new Set([...USUAL, "error", COMPARED, "energy", ...store.facts.panels])) {
-      choose.add(new Option(one));
-    }
-    choose.value = store.panels[place];
-    choose.onchange = () => store.show_in(place, choose.value);
-    const title = add("span", "", head), body = add("div", "endolab-body", cell);
-    const canvas = add("canvas", "", body);
-    const said = add("div", "endolab-said", body, { hidden: true });
-    const mark = add("div", "endolab-mark", body, { hidden: true });
-    const onclick = () => FILLS[panel.name][1](store);
-    const fill = add("button", "endolab-fill", body, { hidden: true, onclick });
+  add_panel({ children: [head, body] }, place) {
+    const { store } = this, [choose, title] = head.children;
+    const [canvas, said, mark, fill] = body.children;
     const parts = { choose, title, body, canvas, said, mark, fill };
     const panel = { ...parts, get name() { return store.panels[place]; } };
+    choose.onchange = () => store.show_in(place, choose.value);
+    choose.value = panel.name;
     follow_cursor(store, panel);
     return panel;
   }
 
-  change(panel) {
-    panel.choose.value = panel.name;
-    panel.said.hidden = panel.mark.hidden = panel.fill.hidden = true;
-    this.solid.view.remove();
-  }
-
-  /** Draws all panels, or those that show what is new. @param {Set<string>} [news] */
-  draw(news) {
-    const { store } = this, { now } = store;
-    if (!now.still) return;
-    for (const panel of this.cells) {
-      const { name } = panel;
-      if (!store.is_new(name, news)) continue;
+  /** Draws all panels; of a look, what moves with it, and 3D once the others are painted. */
+  draw(is_look) {
+    const { store, solid } = this, { still, arrays, moving } = store.now;
+    if (!store.panels.includes("3D")) solid.leave();
+    for (const panel of still ? this.cells : []) {
+      const { name, choose, fill } = panel;
+      if (is_look && ["frame", "3D"].includes(name)) continue;
+      choose.value = name;
       delete panel.map;
-      if (!now.arrays.distance && name !== "frame") continue;
-      if (name === "3D") this.solid.draw(panel);
+      if (!arrays.distance && name !== "frame") continue;
+      if (name === "3D") solid.draw(panel);
       else (CHARTS[name] ?? draw_map)(store, panel, this.colours);
-      const is_empty = panel.map?.empty && name in FILLS;
-      panel.fill.hidden = !is_empty || now.moving || store.facts.alone;
-      panel.fill.textContent = FILLS[name]?.[0];
+      const fills = panel.map?.empty && FILLS[name];
+      fill.hidden = !fills || moving || store.facts.alone;
+      if (fills) [fill.textContent, fill.dataset.do] = fills;
     }
     store.tell("point");
   }
 
-  /** Takes the size that the page leaves for them, px. */
-  resize(height) {
-    this.stage.style.height = `${height}px`;
+  /** Takes the size that the page leaves for them, and its colour. */
+  resize() {
     for (const panel of this.cells) {
       [panel.wide, panel.tall] = [panel.body.clientWidth, panel.body.clientHeight];
     }
@@ -82,26 +68,25 @@ export class Panels {
     this.draw();
   }
 
-  /** All of them as one picture, as they are seen, under the line: a data link, PNG. */
+  /** All as one picture, as they are seen, under the line: a data link, PNG. */
   board() {
-    const ratio = window.devicePixelRatio || 1, outer = this.stage.getBoundingClientRect();
+    const ratio = devicePixelRatio, outer = this.stage.getBoundingClientRect();
     const canvas = document.createElement("canvas"), pen = canvas.getContext("2d"), above = 22;
-    const sides = [outer.width, outer.height + above].map((side) => Math.ceil(ratio * side));
-    const { surface, size } = this.solid, { now } = this.store;
-    [canvas.width, canvas.height] = sides;
+    const { surface, size } = this.solid, { final, now } = this.store, { width, height } = outer;
+    [canvas.width, canvas.height] = [width, height + above].map((side) => Math.ceil(ratio * side));
     pen.scale(ratio, ratio);
-    pen.fillStyle = getComputedStyle(this.stage.parentNode).backgroundColor;
-    pen.fillRect(0, 0, outer.width, outer.height + above);
+    pen.fillStyle = getComputedStyle(this.stage).backgroundColor;
+    pen.fillRect(0, 0, width, height + above);
     if (now.arrays.distance) surface.draw();
     Object.assign(pen, { font: "12px system-ui, sans-serif", textBaseline: "bottom" });
     pen.fillStyle = this.colours.ink;
-    pen.fillText([this.store.headline, now.badge].filter(Boolean).join(" · "), 4, above - 3);
-    pen.translate(0, above);
+    pen.fillText([final?.line, now.badge].filter(Boolean).join(" · "), 4, above - 3);
+    pen.translate(-outer.left, above - outer.top);
     for (const { name, title, body, canvas: drawn } of this.cells) {
-      const { left, top, width, height } = body.getBoundingClientRect();
-      const x = left - outer.left, y = top - outer.top, is_3d = name === "3D";
-      pen.fillText(`${name} ${(is_3d ? size : title).textContent}`, x + 4, y - 3);
-      pen.drawImage(is_3d && surface.gl ? surface.canvas : drawn, x, y, width, height);
+      const { left, top, width: wide, height: tall } = body.getBoundingClientRect();
+      const [words, picture] = name === "3D" ? [size, surface.canvas] : [title, drawn];
+      pen.fillText(`${name} ${words.textContent}`, left + 4, top - 3);
+      pen.drawImage(picture, left, top, wide, tall);
     }
     return canvas.toDataURL();
   }

@@ -3,13 +3,7 @@
 /** A number of so many digits. @type {(value: number, digits?: number) => string} */
 export const short = (value, digits = 3) => String(Number(value.toPrecision(digits)));
 
-/** Whether two values are the same as JSON. @type {(one: any, other: any) => boolean} */
-export const same = (one, other) => JSON.stringify(one) === JSON.stringify(other);
-
-/**
- * What is typed: a number, a list of them, null where nothing is; undefined if it is none of these.
- * @param {string} text
- */
+/** What is typed: a number, some, or null; undefined if it is none. @param {string} text */
 export function typed(text) {
   const parts = text.split(","), values = parts.map(Number);
   if (!text.trim()) return null;
@@ -18,22 +12,19 @@ export function typed(text) {
 }
 
 /**
- * Round numbers between two others, some `count` of them; 1, 2 and 5 of each decade if the axis is
- * logarithmic and long.
+ * Some `count` round numbers between two; 1, 2 and 5 of each decade on a long logarithmic axis.
  * @type {(low: number, high: number, count: number, log?: boolean) => number[]}
  */
 export function rounds(low, high, count, log) {
-  const found = [];
+  const found = [], parts = log && high / low > 10 ** (count / 2) ? [1] : [1, 2, 5];
   if (log && high / low > 8) {
-    const some = high / low > 10 ** (count / 2) ? [1] : [1, 2, 5];
     for (let ten = 10 ** Math.floor(Math.log10(low)); ten <= high; ten *= 10) {
-      const decade = some.map((part) => part * ten);
-      found.push(...decade.filter((one) => one >= low * 0.999 && one <= high * 1.001));
+      found.push(...parts.map((part) => part * ten));
     }
-    return found;
+    return found.filter((one) => one >= low * 0.999 && one <= high * 1.001);
   }
   const least = (high - low) / count, power = 10 ** Math.floor(Math.log10(least));
-  const step = [1, 2, 5, 10].map((part) => part * power).find((one) => one >= least * 0.999);
+  const step = power * [1, 2, 5, 10].find((part) => part * power >= least * 0.999);
   for (let i = Math.ceil(low / step - 1e-6); i * step <= high + 1e-6 * step; i++) {
     found.push(i * step);
   }
@@ -47,19 +38,13 @@ export function rounds(low, high, count, log) {
 export const share_of = ({ low, high, log }, value) =>
   (log ? Math.log(value / low) / Math.log(high / low) : (value - low) / (high - low));
 
-/**
- * The value below which a share of the known ones lie.
- * @type {(values: Iterable<number>, share: number) => number}
- */
+/** Which a share of the known are below. @type {(values: ArrayLike, share: number) => number} */
 export function percentile(values, share) {
   const known = Float32Array.from(values).filter((value) => value === value).sort();
   return known.length ? known[Math.floor(share * (known.length - 1))] : NaN;
 }
 
-/**
- * Where the colours of a map end: [low, high].
- * @type {(kind: string, values: Float32Array) => number[]}
- */
+/** Where colours end, [low, high]. @type {(kind: string, values: Float32Array) => number[]} */
 export function ends_of(kind, values) {
   const [first, last] = [0.01, 0.99].map((share) => percentile(values, share));
   const low = Math.max(first, 1e-3 * last);

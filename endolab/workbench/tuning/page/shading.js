@@ -1,15 +1,13 @@
 // The model's equation for a plane, of each ray of a picture. No DOM here.
-import { turned } from "./projection.js";
-
 /**
  * L = g cos^k′ α cosᵐ ψ / d² f_r cos θ, I = L^(1/γ); d from the lamp, f_r at the half angle of lamp
  * and lens. Returns the factors, L and I as maps, nan where a ray misses the plane.
- * @type {(camera: {rays: Float32Array, width: number, height: number}, knobs: object,
- *   nodes: number[], brdf: number[]) => Float32Array[]}
+ * @type {(camera: object, knobs: object, nodes: number[], brdf: number[]) => Float32Array[]}
  */
 export function shade({ rays, width, height }, knobs, nodes, brdf) {
   const { k, m, gamma, gain, lamp, tilt, depth } = knobs, size = width * height;
-  const [across, , ahead] = turned([tilt, 0])[2]; // the normal's, away from the camera
+  // The normal's, away from the camera.
+  const [across, ahead] = [Math.sin, Math.cos].map((part) => part(tilt * Math.PI / 180));
   const maps = [0, 1, 2, 3, 4, 5].map(() => new Float32Array(size).fill(NaN));
   const [light, fall, f_r, slant, linear, image] = maps;
   const apart = nodes[1] - nodes[0], last = nodes.length - 1;

@@ -1,48 +1,35 @@
 // Where one looks: what of the frame is seen, where the section lies, what is left out. No DOM.
-import { WHOLE } from "./store.js";
 
 /** The part of the frame that is seen, px: left, top, width, height. */
-export function seen({ now, zoom }) {
+export function seen({ now, zoom: [x, y, size] }) {
   const [left, top, right, bottom] = now.still.window, [w, h] = [right - left, bottom - top];
-  return [left + zoom[0] * w, top + zoom[1] * h, (zoom[2] - zoom[0]) * w, (zoom[3] - zoom[1]) * h];
+  return [left + x * w, top + y * h, size * w, size * h];
 }
 
-/** Where that lies in a panel, px: left, top, and pixels of the panel for one of the frame. */
+/** In a panel, px: the frame's left and top, how long its pixels are, and what is seen of it. */
 export function spot(store, { wide, tall }) {
-  const [, , w, h] = seen(store), scale = Math.min((wide - 56) / w, tall / h);
-  return [(wide - 56 - scale * w) / 2, (tall - scale * h) / 2, scale];
+  const part = seen(store), [x, y, w, h] = part, scale = Math.min((wide - 56) / w, tall / h);
+  return [(wide - 56 - scale * w) / 2 - scale * x, (tall - scale * h) / 2 - scale * y, scale, part];
 }
 
-/** Looks at a part of the frame, as far as there is one. */
-export function see(store, [left, top, right, bottom] = WHOLE) {
-  const [w, h] = [Math.min(right - left, 1), Math.min(bottom - top, 1)];
-  const x = Math.max(0, Math.min(left, 1 - w)), y = Math.max(0, Math.min(top, 1 - h));
-  store.zoom = [x, y, x + w, y + h];
+/** Looks at a part of the frame, as far as there is one: left, top and size. */
+export function see(store, x = 0, y = 0, size = 1) {
+  const most = Math.min(size, 1), within = (one) => Math.max(0, Math.min(one, 1 - most));
+  store.zoom = [within(x), within(y), most];
   store.tell("draw");
 }
 
 /** Moves what is seen by so many pixels of the frame. */
 export function shift(store, right, down) {
-  const { zoom } = store, [, , w, h] = seen(store);
-  const by = [right / w * (zoom[2] - zoom[0]), down / h * (zoom[3] - zoom[1])];
-  see(store, zoom.map((end, i) => end - by[i % 2]));
+  const [x, y, size] = store.zoom, [, , w, h] = seen(store);
+  see(store, x - size * right / w, y - size * down / h, size);
 }
 
 /** Looks at so many times as much, about the cursor. */
 export function widen(store, times) {
-  const { zoom, cursor } = store, [x, y, w, h] = seen(store);
-  const share = [(cursor[0] - x) / w, (cursor[1] - y) / h];
-  const by = Math.min(times, 1 / (zoom[2] - zoom[0]));
-  const at = [0, 1].map((i) => zoom[i] + share[i] * (zoom[i + 2] - zoom[i]));
-  const ends = zoom.map((end, i) => at[i % 2] + by * (end - at[i % 2]));
-  if (ends[2] - ends[0] > 0.02) see(store, ends);
-}
-
-/** Lets section, box and colours fit what is shown, and holds these. */
-export function fit(store) {
-  store.now.held = store.scales[store.now.found] = {};
-  store.tell("fit");
-  store.tell("draw");
+  const [x, y, size] = store.zoom, [left, top, w, h] = seen(store), [u, v] = store.cursor;
+  const wider = Math.min(times * size, 1), more = size - wider;
+  if (wider > 0.02) see(store, x + more * (u - left) / w, y + more * (v - top) / h, wider);
 }
 
 /** Whether a tenth of the surface lies beyond the colours that are held. */
@@ -84,5 +71,4 @@ export function leave_out(store) {
   }
   store.corner = undefined;
   store.cover(false);
-  store.tell("draw");
 }

@@ -1,52 +1,45 @@
 // The tuner's panel in 3D: coarse while pictures come, fine at rest.
-import { add, pen_of } from "./drawing.js";
+import { put } from "./cursor.js";
+import { pen_of } from "./drawing.js";
 import { canvas_of, map_of } from "./maps.js";
 import { box_of, said_of } from "./projection.js";
 import { Surface } from "./surface.js";
 
 const RESTS = 250; // ms without a picture, after which the hand rests
-// What can lie on it; what is found once the hand rests is asked for.
-const LAID = ["frame", "distance", "model - frame", "error", "normals", "contours", "σ"];
 
 export class Solid {
-  /** @param {Store} store */
-  constructor(store) {
-    this.store = store;
-    this.laid = []; // the cuts and the step of B and A
-    this.view = document.createElement("div");
-    this.view.className = "endolab-3d";
-    const from = add("button", "", this.view, { title: "V", onclick: () => this.turn_around() });
-    this.size = add("div", "endolab-size", this.view);
-    const dress = add("select", "", this.view, { title: "What lies on the surface." });
-    for (const one of LAID.slice(0, store.facts.alone ? 4 : 7)) dress.add(new Option(one));
+  laid = []; // the pictures that lie on B and A
+
+  /** @type {(store: Store, view: Element) => void} */
+  constructor(store, view) {
+    Object.assign(this, { store, view });
+    const [from, dress, size, mark] = view.children;
+    Object.assign(this, { size, mark });
+    if (store.facts.alone) dress.length = 4; // what is found once the hand rests is asked for
     dress.onchange = () => {
       store.dress = dress.value;
-      this.laid = [];
       store.choose_maps();
     };
-    this.surface = new Surface(this.view, () => {
-      from.textContent = this.surface.inside ? "from outside" : "from the camera";
-      this.surface.draw();
+    const surface = this.surface = new Surface(view, () => {
+      from.textContent = surface.inside ? "from outside" : "from the camera";
+      surface.draw();
       store.tell("point");
     });
-    from.textContent = "from the camera";
-    this.mark = add("div", "endolab-mark", this.view, { hidden: true });
   }
 
   turn_around() { this.surface.look(!this.surface.inside); }
 
   /** While pictures come, it has fewer points, so that it follows the hand on software, too. */
-  draw(panel) {
+  draw(panel = this.panel) {
     const { store, surface, view } = this, { now, kept } = store;
-    if (view.parentNode !== panel.body) {
-      pen_of(panel);
+    if (!panel) return;
+    if (this.panel !== panel) {
+      pen_of(this.panel = panel);
       panel.body.append(view);
     }
     const moves = performance.now() < store.came + RESTS;
     clearTimeout(this.rest);
-    if (moves) {
-      this.rest = setTimeout(() => { if (panel.name === "3D") this.draw(panel); }, RESTS);
-    }
+    if (moves) this.rest = setTimeout(() => this.draw(), RESTS);
     if (!surface.gl) return;
     const box = now.held.box ??= box_of(now.arrays.distance, now.arrays.rays);
     const step = Math.ceil(Math.max(now.still.width, now.still.height) / (moves ? 80 : 320));
@@ -59,25 +52,22 @@ export class Solid {
   }
 
   // One of the two, B or A.
-  lay({ distance, cuts, ...arrays }, step, box, which) {
-    const { store, surface } = this, { still } = store.now, { rays } = store.now.arrays;
-    const { cuts: laid, step: was } = this.laid[which] ?? {};
-    if (laid !== cuts || was !== step) surface.lay({ ...still, rays, cuts }, step, which);
-    if (laid !== cuts || store.dress !== "frame") {
-      const map = map_of(store, store.dress, { distance, ...arrays });
-      surface.dress(canvas_of(map.empty ? map_of(store, "frame") : map, still), which);
-    }
-    this.laid[which] = { cuts, step };
-    surface.show(distance, box, which);
+  lay(arrays, step, box, which) {
+    const { store, surface, laid } = this, { still, arrays: { rays } } = store.now;
+    const asked = map_of(store, store.dress, arrays);
+    const map = asked.empty ? map_of(store, "frame") : asked;
+    surface.lay({ ...still, rays, cuts: arrays.cuts }, step, which);
+    if (map.values || laid[which] !== map.picture) surface.dress(canvas_of(map, still), which);
+    laid[which] = map.picture;
+    surface.show(arrays.distance, box, which);
   }
 
-  /** Marks a pixel, or none. @param {number} [p] */
-  point(p) {
-    const { distance, rays } = this.store.now.arrays, { mark } = this;
-    const lies = this.surface.box && distance?.[p] > 0;
-    const point = [0, 1, 2].map((axis) => lies && distance[p] * rays[3 * p + axis]);
-    const at = lies && this.surface.place(point);
-    mark.hidden = !at;
-    if (at) Object.assign(mark.style, { left: `${100 * at[0]}%`, top: `${100 * at[1]}%` });
+  /** Leaves a panel that shows something else now. */
+  leave() {
+    this.panel = undefined;
+    this.view.remove();
   }
+
+  /** Marks a point, or none. @param {number[]} [point] */
+  point(point) { put(this.mark, point && this.surface.box && this.surface.place(point)); }
 }

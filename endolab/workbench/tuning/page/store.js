@@ -1,55 +1,45 @@
-// What the tuner knows: knobs, answers, and where one looks. No DOM here: who shows any of it
-// listens. What Python says and is asked for is listed in messages.json.
-import { same } from "./scales.js";
+// What the tuner knows: knobs, answers, and where one looks. No DOM here: who shows it listens.
+// What Python says and is asked for is listed in messages.json.
 
 /** @typedef {Object<string, any>} Knobs  values by the knobs' names */
 
 export const USUAL = ["frame", "distance", "model - frame", "section", "3D", "λ curve"];
 export const COMPARED = "B / A - 1";
-export const WHOLE = [0, 0, 1, 1];
-// Where arrays of what a panel shows have another name.
-const MADE_OF = { frame: "picture", section: "distance", "λ curve": "curve", error: "distance",
-  [COMPARED]: "distance" };
 
 export class Store {
+  now = { arrays: {}, maps: {}, knobs: {}, held: {} }; // all that was said
+  panels = [...USUAL];
+  dress = "frame"; // on the surface
+  wipe = 1; // share of the width that shows A
+  zoom = [0, 0, 1]; // left, top and size of what is looked at: shares of the frame
+  cut = { is_row: false, share: 0.5 }; // of the section
+  came = -Infinity; // when the last picture did, ms
+  listeners = {};
+  visited = []; // final answers, for undo: their knobs, and the number of what was found
+  founds = {}; // by the JSON of the knobs, what was found with them first
+  scales = {}; // what is held of colours and axes, by the number of what was found
+  newest = -1; // the greatest number of what was found
+  // Unknown at first: `kept`, which is A; the last `final` answer, and the one `before`; the
+  // `cursor` and the `corner` of a rectangle that is dragged, px; whether a drag `covers`.
+
   /**
    * @param {object} facts  what Python says from the start
    * @param {(action: string, ...given: any[]) => void} send  asks Python for something
    */
   constructor(facts, send) {
-    this.facts = facts;
-    this.send = send;
-    this.now = { arrays: {}, maps: {}, knobs: {}, held: {} }; // all that was said
-    this.panels = [...USUAL];
-    this.dress = "frame"; // on the surface
-    this.kept = this.before = undefined; // A; the answer before all was asked anew
-    this.wipe = 1; // share of the width that shows A
-    this.zoom = WHOLE; // left, top, right, bottom: shares of what of the frame is looked at
-    this.cut = { is_row: false, share: 0.5 }; // of the section
-    this.cursor = this.corner = undefined; // px of the frame; of a rectangle that is dragged
-    this.came = -Infinity; // when the last picture did, ms
-    this.covers = false; // whether a drag leaves a rectangle out
-    this.listeners = {};
-    this.visited = []; // final answers, for undo: their knobs, and the number of what was found
-    this.founds = {}; // by the JSON of the knobs, what was found first with them
-    this.scales = {}; // what is held of colours and axes, by the number of what was found
-    this.newest = -1; // the greatest number of what was found
-    this.palettes = {};
-    for (const name in facts.palettes) this.palettes[name] = Uint32Array.from(facts.palettes[name]);
+    Object.assign(this, { facts, send });
+    const { palettes } = facts;
+    for (const name in palettes) palettes[name] = Uint32Array.from(palettes[name]);
   }
 
-  /** Listens to knobs, leave, said, line, maps, draw, point, compare, cover, panels. */
+  /** Listens to knobs, leave, said, line, maps, draw, point. */
   on(event, action) { (this.listeners[event] ??= []).push(action); }
 
   tell(event, ...given) { for (const action of this.listeners[event] ?? []) action(...given); }
 
   // Knobs
 
-  /**
-   * Turns knobs. `how`: whether all is to be found anew, and the number of what was found that is
-   * to be used.
-   * @param {Knobs} values
-   */
+  /** Turns knobs; `how`: whether all is found anew, or else with what. @param {Knobs} values */
   turn(values, ...how) {
     this.now.knobs = { ...this.now.knobs, ...values };
     this.here = undefined;
@@ -57,19 +47,23 @@ export class Store {
     this.send("turn", this.now.knobs, ...how);
   }
 
+  ask_anew() {
+    this.tell("line", "asking anew ...");
+    this.turn({}, true);
+  }
+
   undo() {
-    const { visited } = this;
-    if (this.here === visited.at(-1) && visited.length > 1) visited.pop();
+    const { visited, here } = this;
+    if (here === visited.at(-1) && visited.length > 1) visited.pop();
     const last = visited.at(-1);
-    if (!last) return;
-    this.turn(last.asked, false, last.found);
+    if (last) this.turn(last.asked, false, last.found);
     this.here = last;
   }
 
   /** What these options give by themselves, wherever one comes from. @param {Knobs} options */
   begin_with(options) {
-    const knobs = { ...this.now.knobs, ...options }, found = this.founds[JSON.stringify(knobs)];
-    this.turn(knobs, found === undefined, found);
+    const found = this.founds[JSON.stringify({ ...this.now.knobs, ...options })];
+    this.turn(options, found === undefined, found);
   }
 
   reset() { this.begin_with({ ...this.facts.first, scene: this.now.knobs.scene }); }
@@ -78,92 +72,77 @@ export class Store {
   step(by, from = this.now.knobs.scene) {
     const { options } = this.facts.specs.find((spec) => spec.name === "scene");
     const scenes = options.map(([, one]) => one), next = scenes[scenes.indexOf(from) + by];
-    const is_alike = typeof next === typeof from;
-    this.stepped = is_alike ? [by, next] : undefined;
-    if (is_alike) this.turn({ scene: next });
+    this.stepped = typeof next === typeof from ? [by, next] : undefined;
+    if (this.stepped) this.turn({ scene: next });
   }
 
   // Answers
 
   /** Hears Python. What comes of an older wish than the screen's is dropped. */
   hear(message, buffers) {
-    const { now } = this;
-    if (message.state < now.state) {
-      if (message.maps) this.send("painted");
+    const { now, stepped } = this, { state, maps, anew, knobs, still } = message;
+    if (state < now.state) {
+      if (maps) this.send("painted");
       return;
     }
-    if (message.state > now.state) this.tell("leave");
-    if (message.anew) this.before = { label: now.label, arrays: now.arrays };
-    const had = message.maps ? Object.keys(now.maps) : [];
+    if (state > now.state) this.tell("leave");
     this.take(message, buffers);
     Object.assign(now, message);
-    const { stepped } = this;
-    if (message.anew) {
+    if (anew) {
       this.stepped = undefined;
       now.held = this.scales[now.found] ?? {};
-      const { distance } = this.kept?.arrays ?? now.arrays;
-      if (distance?.length !== now.arrays.distance?.length) this.keep();
+      const size = now.arrays.distance?.length;
+      if (this.kept && this.kept.arrays.distance.length !== size) this.keep();
     }
-    if (message.knobs || message.still) this.tell("knobs");
-    if (message.asked && !message.moving) {
-      this.headline = message.line;
-      this.scales[now.found] ??= now.held;
-      this.visit(message);
-    }
-    if (message.maps) this.came = performance.now();
+    if (knobs || still) this.tell("knobs");
+    if (message.asked && !message.moving) this.visit(message);
+    if (maps) this.came = performance.now();
     this.tell("said", message);
-    const arrays = (message.names ?? []).map(([name]) => name);
-    const maps = Object.keys(message.maps ?? {}), is_still = message.maps && !now.moving;
-    const news = [...arrays, ...had, ...(is_still ? ["3D"] : []), ...Object.keys(message), ...maps];
-    this.tell("draw", message.still ? undefined : new Set(news));
-    if (message.maps) this.tell("maps");
-    if (message.knobs && stepped && message.knobs.scene !== stepped[1]) this.step(...stepped);
+    this.tell("draw", now.moving && !still);
+    if (maps) this.tell("maps");
+    if (knobs && stepped && knobs.scene !== stepped[1]) this.step(...stepped);
   }
 
   // A map belongs to its answer: with the next one's maps all others go.
   take({ names = [], maps }, buffers) {
-    const { now } = this;
-    const stay = Object.entries(now.arrays).filter(([name]) => !maps || !(name in now.maps));
-    const came = names.map(([name, kind], i) => {
+    const { now } = this, arrays = { ...now.arrays };
+    if (maps) for (const name in now.maps) delete arrays[name];
+    names.forEach(([name, kind], i) => {
       const { buffer, byteOffset, byteLength } = buffers[i];
       const bytes = buffer.slice(byteOffset, byteOffset + byteLength);
-      return [name, kind === "f4" ? new Float32Array(bytes) : new Uint8Array(bytes)];
+      arrays[name] = kind === "f4" ? new Float32Array(bytes) : new Uint8Array(bytes);
     });
-    now.arrays = Object.fromEntries([...stay, ...came]);
+    now.arrays = arrays;
   }
 
-  visit({ asked, found, state }) {
+  visit({ asked, found, state, line }) {
+    const { now, here } = this; // `here`: the one of the visited that is wished for
+    this.scales[found] ??= now.held;
     if (state === this.settled) return;
     this.settled = state; // the last that was final
-    if (found > this.newest) this.founds[JSON.stringify(asked)] ??= found;
+    this.before = this.final;
+    this.final = { label: now.label, arrays: now.arrays, line };
+    const knobs = JSON.stringify(asked);
+    if (found > this.newest) this.founds[knobs] ??= found;
     this.newest = Math.max(this.newest, found);
-    const { here } = this; // the one of the visited that is wished for
-    if (here && same(here.asked, asked)) here.found = found; // which may have been forgotten
+    if (here && JSON.stringify(here.asked) === knobs) here.found = found; // maybe found again
     else this.visited.push(this.here = { asked, found });
   }
 
   /** Keeps an answer as A, or drops A. */
   keep({ label, arrays } = this.now) {
-    const before = this.kept?.third; // what stood where A is compared now
-    this.kept = this.kept ? undefined : { label, arrays, third: this.panels[2] };
-    this.wipe = this.kept ? 0.5 : 1;
-    this.tell("compare");
-    if (this.kept && !this.panels.includes(COMPARED)) this.show_in(2, COMPARED);
-    else if (before && this.panels[2] === COMPARED) this.show_in(2, before);
+    const { panels } = this, third = this.kept?.third; // what stood where A is compared now
+    this.kept = third ? undefined : { label, arrays, third: panels[2] };
+    this.wipe = third ? 1 : 0.5;
+    if (!third && !panels.includes(COMPARED)) this.show_in(2, COMPARED);
+    else if (third && panels[2] === COMPARED) this.show_in(2, third);
     else this.tell("draw");
   }
 
-  // Panels
-
-  cover(does) {
-    this.covers = does;
-    this.tell("cover");
-  }
-
-  /** Takes as A what was shown before all was asked anew. */
+  /** Takes as A the final answer before the last one, which was found by the same knobs. */
   compare_with_before() {
-    if (this.kept) this.show_in(2, COMPARED);
-    else this.keep(this.before);
+    if (this.kept) this.keep();
+    if (this.before) this.keep(this.before);
   }
 
   find_sigma() {
@@ -171,13 +150,25 @@ export class Store {
     this.send("sigma", this.now.state);
   }
 
+  // Panels
+
+  /** Whether a drag leaves a rectangle out. */
+  cover(does = !this.covers) {
+    this.covers = does;
+    this.tell("draw");
+  }
+
+  /** Lets section, box and colours fit what is shown, and holds these. */
+  fit() {
+    this.now.held = this.scales[this.now.found] = {};
+    this.tell("draw");
+  }
+
   /** Shows something in a panel; 3D, which is there once, moves. */
   show_in(place, name) {
-    const other = name === "3D" ? this.panels.indexOf(name) : -1;
-    if (other >= 0) this.panels[other] = this.panels[place];
-    this.panels[place] = name;
-    if (other >= 0) this.tell("panels", other);
-    this.tell("panels", place);
+    const { panels } = this, other = name === "3D" ? panels.indexOf(name) : -1;
+    if (other >= 0) panels[other] = panels[place];
+    panels[place] = name;
     this.choose_maps();
   }
 
@@ -185,7 +176,4 @@ export class Store {
     this.send("panels", [this.dress, ...this.panels]);
     this.tell("draw");
   }
-
-  /** Whether a panel shows what is new; all is, without a set. */
-  is_new(name, news) { return !news || news.has(MADE_OF[name] ?? name); }
 }

@@ -1,26 +1,51 @@
 // A surface in 3D, to be turned.
-import { add } from "./drawing.js";
+import { add, size_to } from "./drawing.js";
 import { lay_grid } from "./grid.js";
-import { box_between, CAMERA, dot, EDGES, OUTSIDE, view_of } from "./projection.js";
-import { FRAGMENT, VERTEX } from "./shaders.js";
+import { CAMERA, corners_of, EDGES, OUTSIDE, view_of } from "./projection.js";
 
-const ARROWS = { ArrowLeft: [0, -5], ArrowRight: [0, 5], ArrowUp: [1, -5], ArrowDown: [1, 5] };
+const ARROWS = { ArrowLeft: [-5, 0], ArrowRight: [5, 0], ArrowUp: [0, -5], ArrowDown: [0, 5] };
+// What is known of each corner, and of how many numbers.
+const KNOWN = { rays: 3, far: 1, at: 2 };
+// Who looks is at the origin; z is away.
+const VERTEX = `#version 300 es
+uniform mat4 eye, lens;
+layout(location = 0) in vec3 ray; layout(location = 1) in float far;
+layout(location = 2) in vec2 lies; out vec3 place, away; out vec2 at;
+void main() {
+  away = mat3(eye) * ray;
+  place = (eye * vec4(far * ray, 1.0)).xyz;
+  at = lies;
+  gl_Position = lens * vec4(place, 1.0);
+}`;
+// Relief by a lamp that the viewer holds. From outside, what the endoscope sees at more than 85° is
+// left open: it joins the two sides of a fold.
+const FRAGMENT = `#version 300 es
+precision highp float;
+uniform sampler2D picture; uniform vec4 ink; uniform float least;
+in vec3 place, away; in vec2 at; out vec4 colour;
+void main() {
+  colour = ink;
+  if (ink.a > 0.0) return;
+  vec3 normal = normalize(cross(dFdx(place), dFdy(place)));
+  if (abs(dot(normal, normalize(away))) < least) discard;
+  float lit = 0.45 + 0.55 * abs(dot(normal, normalize(place)));
+  colour = vec4(pow(texture(picture, at).rgb, vec3(0.7)) * lit, 1.0);
+}`;
 
 export class Surface {
+  pose = [...OUTSIDE];
+  inside = false;
+  wipe = 0;
+
   /** @type {(host: Element, on_turn: () => void) => void} */
   constructor(host, on_turn) {
-    this.pose = [...OUTSIDE];
-    this.inside = false;
-    this.wipe = 0;
+    this.turned = on_turn;
     this.canvas = add("canvas", "", host, { tabIndex: 0 });
+    host.prepend(this.canvas);
     this.canvas.dataset.lmSuppressShortcuts = "true"; // arrows turn, they do not go to another cell
     this.gl = this.canvas.getContext("webgl2", { antialias: false });
-    if (!this.gl) {
-      const textContent = "This browser has no WebGL 2, by which the surface is drawn.";
-      add("div", "endolab-empty", host, { textContent });
-      return;
-    }
-    this.turned = on_turn;
+    const textContent = "This browser has no WebGL 2, by which the surface is drawn.";
+    if (!this.gl) return void add("div", "endolab-empty", host, { textContent });
     this.prepare();
     this.follow(this.canvas);
   }
@@ -33,43 +58,57 @@ export class Surface {
       gl.compileShader(shader);
       gl.attachShader(program, shader);
     }
-    ["ray", "far", "lies"].forEach((name, i) => gl.bindAttribLocation(program, i, name));
     gl.linkProgram(program);
     gl.useProgram(program);
-    gl.enable(gl.DEPTH_TEST);
-    gl.enable(gl.CULL_FACE); // nothing is seen from behind, so that a tube lies open
-    const names = ["seen", "eye", "ink", "least"];
-    this.at = Object.fromEntries(names.map((name) => [name, gl.getUniformLocation(program, name)]));
-    gl.enable(gl.SCISSOR_TEST);
-    this.box_lines = gl.createBuffer();
-    this.layers = [0, 1].map(() => this.add_layer());
+    // Nothing is seen from behind, so that a tube lies open.
+    for (const what of [gl.DEPTH_TEST, gl.CULL_FACE, gl.SCISSOR_TEST]) gl.enable(what);
+    this.uniform = (kind, name, ...value) =>
+      gl[`uniform${kind}`](gl.getUniformLocation(program, name), ...value);
+    this.layers = [0, 1, 2].map(() => this.add_layer()); // the surface, A, and the box
+    this.fill_layer(2, { far: Array(8).fill(1), at: Array(16).fill(0), corners: EDGES });
   }
 
   add_layer() {
-    const { gl } = this, layer = { texture: gl.createTexture(), count: 0 };
-    for (const name of ["rays", "far", "places", "corners"]) layer[name] = gl.createBuffer();
+    const { gl } = this, corners = gl.createBuffer();
+    const layer = { texture: gl.createTexture(), array: gl.createVertexArray(), corners, count: 0 };
+    gl.bindVertexArray(layer.array);
+    Object.entries(KNOWN).forEach(([name, size], i) => {
+      gl.bindBuffer(gl.ARRAY_BUFFER, layer[name] = gl.createBuffer());
+      gl.vertexAttribPointer(i, size, gl.FLOAT, false, 0, 0);
+      gl.enableVertexAttribArray(i);
+    });
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, corners);
     gl.bindTexture(gl.TEXTURE_2D, layer.texture);
-    for (const side of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) {
-      gl.texParameteri(gl.TEXTURE_2D, side, gl.CLAMP_TO_EDGE);
-    }
     gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.LINEAR);
     return layer;
   }
 
+  fill_layer(which, { corners, ...known }) {
+    const { gl } = this, layer = this.layers[which];
+    for (const name in known) {
+      gl.bindBuffer(gl.ARRAY_BUFFER, layer[name]);
+      gl.bufferData(gl.ARRAY_BUFFER, new Float32Array(known[name]), gl.DYNAMIC_DRAW);
+    }
+    if (!corners) return;
+    gl.bindVertexArray(layer.array);
+    gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, new Uint32Array(corners), gl.STATIC_DRAW);
+    layer.count = corners.length;
+  }
+
   // The hand
   follow(canvas) {
-    const turn = (first, right, down) => {
+    const turn = (first, [right, down], scale = 1) => {
       const { pose } = this;
-      pose[first] += right;
-      pose[first + 1] += down;
+      pose[first] += scale * right;
+      pose[first + 1] += scale * down;
       pose[1] = Math.max(-89, Math.min(89, pose[1]));
       this.turned();
     };
     canvas.onpointerdown = (event) => canvas.setPointerCapture(event.pointerId);
     canvas.onpointermove = ({ pointerId, shiftKey, movementX, movementY }) => {
       if (!canvas.hasPointerCapture(pointerId)) return;
-      const [first, scale] = shiftKey ? [3, 1 / canvas.clientHeight] : [0, 0.5];
-      turn(first, scale * movementX, scale * movementY);
+      const how = shiftKey ? 1 / canvas.clientHeight : 0.5;
+      turn(shiftKey ? 3 : 0, [movementX, movementY], how);
     };
     canvas.ondblclick = () => this.look(this.inside);
     canvas.addEventListener("wheel", (event) => {
@@ -79,10 +118,9 @@ export class Surface {
       this.turned();
     }, { passive: false });
     canvas.onkeydown = (event) => {
-      const [way, by] = ARROWS[event.key] ?? [];
-      if (!by) return;
+      if (!(event.key in ARROWS)) return;
       event.preventDefault();
-      turn(0, way ? 0 : by, way ? by : 0);
+      turn(0, ARROWS[event.key]);
     };
   }
 
@@ -93,22 +131,13 @@ export class Surface {
     this.turned();
   }
 
-  fill(kind, buffer, content, usage = this.gl.DYNAMIC_DRAW) {
-    this.gl.bindBuffer(kind, buffer);
-    this.gl.bufferData(kind, content, usage);
-  }
-
-  /**
-   * Lays a grid over every few pixels, torn where the surface is cut; of layer 0, or of A, 1.
-   * @type {(frame: {rays: Float32Array, cuts: Uint8Array, width: number, height: number},
-   *   step: number, which?: 0 | 1) => void}
-   */
+  /** Lays a grid over every few pixels, torn where it is cut. @param {0 | 1} [which]  1 is A */
   lay(frame, step, which = 0) {
-    const { gl } = this, { pixels, rays, at, corners } = lay_grid(frame, step);
-    const layer = Object.assign(this.layers[which], { pixels, count: corners.length });
-    this.fill(gl.ARRAY_BUFFER, layer.rays, rays, gl.STATIC_DRAW);
-    this.fill(gl.ARRAY_BUFFER, layer.places, at, gl.STATIC_DRAW);
-    this.fill(gl.ELEMENT_ARRAY_BUFFER, layer.corners, corners, gl.STATIC_DRAW);
+    const layer = this.layers[which], { cuts } = frame;
+    if (layer.cuts === cuts && layer.step === step) return;
+    const { pixels, ...known } = lay_grid(frame, step);
+    Object.assign(layer, { pixels, cuts, step });
+    this.fill_layer(which, known);
   }
 
   /** Lays a picture on it. */
@@ -120,13 +149,11 @@ export class Surface {
 
   /** Takes distances, and the box [low, high] that holds them. */
   show(map, box, which = 0) {
-    const { gl } = this, { pixels, far } = this.layers[which];
-    const distances = new Float32Array(pixels.length);
-    for (let p = 0; p < pixels.length; p++) distances[p] = map[pixels[p]];
-    this.box = box_between(box);
-    this.fill(gl.ARRAY_BUFFER, far, distances);
-    const lines = new Float32Array(EDGES.flatMap((i) => this.box.corners[i]));
-    this.fill(gl.ARRAY_BUFFER, this.box_lines, lines);
+    const { pixels } = this.layers[which], far = new Float32Array(pixels.length);
+    for (let p = 0; p < far.length; p++) far[p] = map[pixels[p]];
+    this.box = box;
+    this.fill_layer(which, { far });
+    this.fill_layer(2, { rays: corners_of(box).flat() });
   }
 
   view(wide) { return view_of(this.box, this.pose, this.inside, wide); }
@@ -134,53 +161,36 @@ export class Surface {
   /** Draws it, and A up to a share of the width, the last one where none is given. */
   draw(fineness = 1, wipe = this.wipe) {
     this.wipe = wipe;
-    const { gl, canvas, at } = this;
-    const ratio = fineness * Math.min(window.devicePixelRatio || 1, 2);
+    const { gl, canvas, uniform } = this, ratio = fineness * Math.min(devicePixelRatio, 2);
     const sides = [canvas.clientWidth, canvas.clientHeight];
     const [width, height] = sides.map((side) => Math.round(ratio * side));
     if (!gl || !width || !height || !this.box) return;
-    if (canvas.width !== width) canvas.width = width;
-    if (canvas.height !== height) canvas.height = height;
-    const { seen, eye } = this.view(width / height);
+    size_to(canvas, width, height);
+    const view = this.view(width / height);
+    for (const name in view) uniform("Matrix4fv", name, false, view[name].toFloat32Array());
+    uniform("1f", "least", this.inside ? 0 : 0.087);
     gl.viewport(0, 0, width, height);
     gl.scissor(0, 0, width, height);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
-    gl.uniformMatrix4fv(at.seen, false, seen);
-    gl.uniform3fv(at.eye, eye);
-    gl.uniform1f(at.least, this.inside ? 0 : 0.087);
-    gl.uniform4f(at.ink, 0, 0, 0, 0);
-    const edge = Math.round(wipe * width), [layer, other] = this.layers;
-    this.draw_layer(layer, edge, width - edge, height);
-    this.draw_layer(other, 0, edge, height);
-    gl.scissor(0, 0, width, height);
-    gl.bindBuffer(gl.ARRAY_BUFFER, this.box_lines);
-    gl.vertexAttribPointer(0, 3, gl.FLOAT, false, 0, 0);
-    gl.disableVertexAttribArray(1);
-    gl.disableVertexAttribArray(2);
-    gl.vertexAttrib1f(1, 1);
-    gl.uniform4f(at.ink, 0.5, 0.5, 0.5, 1);
-    if (!this.inside) gl.drawArrays(gl.LINES, 0, EDGES.length);
+    const draw_layer = ({ texture, array, count }, mode, left, right, ...ink) => {
+      gl.scissor(left, 0, right - left, height);
+      gl.bindTexture(gl.TEXTURE_2D, texture);
+      gl.bindVertexArray(array);
+      uniform("4f", "ink", ...ink);
+      if (count && right > left) gl.drawElements(mode, count, gl.UNSIGNED_INT, 0);
+    };
+    const edge = Math.round(wipe * width), [surface, kept, box_lines] = this.layers;
+    draw_layer(surface, gl.TRIANGLES, edge, width, 0, 0, 0, 0);
+    draw_layer(kept, gl.TRIANGLES, 0, edge, 0, 0, 0, 0);
+    if (!this.inside) draw_layer(box_lines, gl.LINES, 0, width, 0.5, 0.5, 0.5, 1);
   }
 
-  draw_layer({ texture, rays, far, places, corners, count }, left, width, height) {
-    const { gl } = this;
-    gl.scissor(left, 0, width, height);
-    gl.bindTexture(gl.TEXTURE_2D, texture);
-    [[rays, 3], [far, 1], [places, 2]].forEach(([buffer, size], i) => {
-      gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
-      gl.vertexAttribPointer(i, size, gl.FLOAT, false, 0, 0);
-      gl.enableVertexAttribArray(i);
-    });
-    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, corners);
-    if (width && count) gl.drawElements(gl.TRIANGLES, count, gl.UNSIGNED_INT, 0);
-  }
-
-  /** Where a point is in the panel, shares to the right and down. @param {number[]} point */
+  /** Where a point is in the panel, px to the right and down. @param {number[]} point */
   place(point) {
-    const { seen } = this.view(this.canvas.clientWidth / this.canvas.clientHeight);
-    const rows = [0, 1, 2, 3].map((row) => [0, 4, 8, 12].map((k) => seen[k + row]));
-    const [x, y, , w] = rows.map((row) => dot([...point, 1], row));
-    return w > 0 ? [(1 + x / w) / 2, (1 - y / w) / 2] : undefined;
+    const { clientWidth, clientHeight } = this.canvas;
+    const { eye, lens } = this.view(clientWidth / clientHeight);
+    const { x, y, w } = lens.multiply(eye).transformPoint(new DOMPoint(...point));
+    return w > 0 && [clientWidth * (1 + x / w) / 2, clientHeight * (1 - y / w) / 2];
   }
 
   free() { this.gl?.getExtension("WEBGL_lose_context")?.loseContext(); } // a page may have sixteen

@@ -7,9 +7,9 @@ import { Surface } from "./surface.js";
 export function show_surface(root, { width, height, unit, maps }) {
   const named = maps.map(([name, kind, text]) => [name, unpacked(kind, text)]);
   const { rays, cuts, picture, far } = Object.fromEntries(named), box = box_of(far, rays);
-  const style = "position: absolute; left: 4px; bottom: 0", textContent = said_of(box, unit);
-  add("div", "", root, { style, textContent });
+  const style = "position: absolute; left: 4px; bottom: 0; pointer-events: none";
   const surface = new Surface(root, () => surface.draw());
+  add("div", "", root, { style, textContent: said_of(box, unit) });
   surface.canvas.style.cssText = "width: 100%; height: 100%; display: block; cursor: grab; " +
     "touch-action: none; outline: none";
   if (!surface.gl) return;

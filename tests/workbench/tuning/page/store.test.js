@@ -3,7 +3,7 @@ import assert from "node:assert/strict";
 import { readFileSync, readdirSync } from "node:fs";
 import { beforeEach, test } from "node:test";
 
-import { fit, has_left, leave_out, see, seen, widen }
+import { has_left, leave_out, see, seen, widen }
   from "../../../../endolab/workbench/tuning/page/sight.js";
 import { Store } from "../../../../endolab/workbench/tuning/page/store.js";
 import { map_of } from "../../../../endolab/workbench/tuning/page/maps.js";
@@ -160,7 +160,7 @@ test("colours that the surface has left are fitted, and held again", () => {
   python.state = 1;
   answer({}, 40);
   assert.ok(has_left(store));
-  fit(store);
+  store.fit();
   assert.equal(map_of(store, "distance").low, 40);
   assert.ok(!has_left(store));
 });
@@ -182,8 +182,11 @@ test("3D is there once, and moves", () => {
   assert.deepEqual(store.panels.slice(0, 5), ["3D", "distance", "model - frame", "section", "frame"]);
 });
 
-test("where an answer is not unique is what asking anew has changed", () => {
+test("where an answer is not unique is what asking anew has changed, whatever was A", () => {
   python.state = 1;
+  answer({ moving: true }, 30);
+  store.keep();
+  python.state = 2;
   answer({ anew: true }, 40);
   store.compare_with_before();
   assert.deepEqual([store.kept.arrays.distance[0], store.panels[2]], [20, "B / A - 1"]);
