@@ -126,7 +126,7 @@ export class Store {
     if (found > this.newest) this.founds[knobs] ??= found;
     this.newest = Math.max(this.newest, found);
     if (here && JSON.stringify(here.asked) === knobs) here.found = found; // maybe found again
-    else this.visited.push(this.here = { asked, found });
+    else if (JSON.stringify(now.knobs) === knobs) this.visited.push(this.here = { asked, found });
   }
 
   /** Keeps an answer as A, or drops A. */

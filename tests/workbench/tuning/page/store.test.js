@@ -76,6 +76,18 @@ test("what the page asks for, and reads, is in the table of what Python does, an
   assert.deepEqual([...read].filter((name) => !said.has(name)), []);
 });
 
+// The answer to the first of two quick undos came after the second, and stood in the list as the last.
+test("an answer that comes after another wish is not one to go back to", () => {
+  for (const lam of [0.1, 3, 10]) turn({ lam });
+  store.undo();
+  const [[first]] = asked("turn");
+  store.undo();
+  python.state += 1;
+  answer({ asked: first });
+  assert.equal(do_what_is_asked()[0], 0.1);
+  assert.equal(undo()[0], 1);
+});
+
 // A reset showed another answer than the first: of light and contours found under another λ.
 test("undo, reset and presets bring back what was found", () => {
   assert.deepEqual(turn({ lam: 5 }), [5, 0]);
