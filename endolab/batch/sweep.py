@@ -31,7 +31,6 @@ from endolab.reconstruction.settings import Settings
 from endolab.solvers.result import Result
 from endolab.solvers.solvers import DEFAULT_SOLVER
 
-ENERGY = ("solver", "xi", "regulariser", "lam")
 ERRORS = ("mean_mm", "median_mm", "mean_percent", "median_percent", "mean_degrees")
 SWEEP_COLUMNS = (
     "frame",
@@ -127,7 +126,8 @@ def sweep(
         list_of("words", "regulariser", regulariser),
         list_of("numbers", "lam", lam),
     ):
-        setting = dict(zip(ENERGY, (solver, *energy), strict=True))
+        setting = dict(zip(("xi", "regulariser", "lam"), energy, strict=True))
+        setting["solver"] = solver
         Settings.of(setting | options)  # refused now, rather than in a row
         calls.append((frame, true, calibration, setting, options))
     read = [one for one in (*frames, *truths) if isinstance(one, str | os.PathLike)]

@@ -55,8 +55,6 @@ FRAME_COLUMNS = (
     "pixels",
     "error",
 )
-VIDEO_FILES = ("endoscope.json", "frames", "frames.csv", "report.json", "recording.rrd")
-TEXTS = ("frame", "status", "unit", "error")
 
 
 @dataclass(frozen=True)
@@ -165,7 +163,8 @@ def reconstruct_video(
         raise ValueError(f"no frame could be reconstructed; the first: {rows[0]['error']}")
     write_calibration(calibration, folder.path / "endoscope.json")
     folder.write()
-    *_, recording = paths = [folder.path / name for name in VIDEO_FILES]
+    names = ("endoscope.json", "frames", "frames.csv", "report.json", "recording.rrd")
+    *_, recording = paths = [folder.path / name for name in names]
     if not lacking("rerun") and (len(before) < len(wanted) or not recording.exists()):
         from endolab.workbench.recording.recorder import record_sequence
 
@@ -217,9 +216,10 @@ class _Folder:
                 raise ValueError("other settings")
             self.seen = report["field"]
             lines = read_bytes(table).decode(errors="surrogateescape").splitlines()
+            texts = ("frame", "status", "unit", "error")
             for line in csv.DictReader(lines):
                 row = {
-                    name: line[name] if name in TEXTS else json.loads(line[name] or "NaN")
+                    name: line[name] if name in texts else json.loads(line[name] or "NaN")
                     for name in FRAME_COLUMNS
                 }
                 self.rows[row["frame"]] = row

@@ -31,7 +31,6 @@ OPTIONS = option_types() | {
     "known_diameter": Diameter,
 }
 ANEW = "light and contours are found anew"
-SWEPT = OPTIONS | dict.fromkeys(("lam", "xi", "regulariser"), Several)
 
 
 @partial(takes_settings, types=OPTIONS)
@@ -200,7 +199,10 @@ def reconstruct(
         )
 
 
-@partial(takes_settings, types=SWEPT)
+@partial(
+    takes_settings,
+    types=OPTIONS | dict.fromkeys(("lam", "xi", "regulariser"), Several),
+)
 def sweep(
     frames: tuple[str, ...],
     /,

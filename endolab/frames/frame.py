@@ -17,13 +17,8 @@ from endolab.numerics.checks import mask_array, readonly_copy, real_array, unkno
 from endolab.numerics.side_by_side import by_rows
 
 # Stored values, as shares of their maximum.
-DARK = 4 / 255  # below this rounding and noise say more than the surface does
 SATURATED = 254.5 / 255  # from here on
 ROUNDING = 0.3 / 255  # noise: that of rounding to 8 bits
-# Colours that differ by less are a codec's, and a white balance's that is off by 2 % to either side.
-CODEC = 3 / 255
-TINT = 0.04
-
 # cos α; beyond 80°, cos^k α is so small that noise divided by it looks near.
 LEAST_COSINE = float(np.cos(np.deg2rad(80.0)))
 
@@ -226,9 +221,10 @@ def _is_grey(image: FloatArray, mask: BoolArray) -> bool:
     means, whole = (cv2.resize(a, size, interpolation=cv2.INTER_AREA) for a in few)
     colours = means[whole > 0.999]
     most = colours.max(axis=-1, initial=0.0)
-    apart = most - colours.min(axis=-1, initial=1.0) - TINT * most
+    # Colours that differ by less are a white balance's, off by 2 % to either side, and a codec's.
+    apart = most - colours.min(axis=-1, initial=1.0) - 0.04 * most
     lit = most > 0.99 * most.mean() if most.size else most > 0
-    return bool(lit.any() and np.median(apart[lit]) < CODEC)
+    return bool(lit.any() and np.median(apart[lit]) < 3 / 255)
 
 
 def check_size(
@@ -254,7 +250,8 @@ def usable_pixels(
         raise ValueError(
             f"{name}: the mask and the camera's field of view have no pixel in common"
         )
-    usable = field & (image > DARK)
+    # Below this rounding and noise say more than the surface does.
+    usable = field & (image > 4 / 255)
     if not usable.any():
         raise ValueError(
             f"{name}: the picture is all dark, its brightest pixel is {image[field].max() * 255:.2g} of 255; "

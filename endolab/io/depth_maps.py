@@ -18,9 +18,6 @@ from endolab.numerics.checks import shorten, unknown_name
 KINDS = ("z", "distance", "disparity")
 SUFFIXES = (".npz", ".npy", ".png", ".tif", ".tiff", ".exr", ".pfm", ".bin")  # in folders
 TEXTS = (".csv", ".txt")
-# Names of an array in an .npz, the best first; "depth_map" counts as "depth".
-ARRAYS = ("distance", "z", "depth", "pred", "prediction", "arr_0", "data")
-INVERSE = ("disp", "inv")  # how the name of a disparity begins
 WHAT = (
     "a depth map (.npz, .npy, .png of 8 or 16 bits, .tif of 8 or 16 bits or of floats of 32, .pfm, COLMAP's "
     ".bin, rows of numbers as .csv or .txt)"
@@ -140,11 +137,14 @@ def _read_numbers(source: Path) -> np.ndarray:
 def _choose_array(source: PathLike, names: list[str]) -> tuple[str, str]:
     """Choose the array of an .npz that is the depth map; return its name and what it holds."""
     plain = {name.lower().removesuffix("map").rstrip("_"): name for name in names}
-    for known in ARRAYS:
+    # The best first; "depth_map" counts as "depth".
+    for known in ("distance", "z", "depth", "pred", "prediction", "arr_0", "data"):
         if known in plain:
             return plain[known], "distance" if known == "distance" else "z"
     if len(names) == 1:
-        return names[0], "disparity" if names[0].lower().startswith(INVERSE) else "z"
+        return names[0], "disparity" if names[0].lower().startswith(
+            ("disp", "inv")
+        ) else "z"
     found = shorten(", ".join(names))
     raise ValueError(
         f"{source}: expected an array called depth, z or distance, found {found}"

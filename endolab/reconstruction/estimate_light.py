@@ -49,7 +49,6 @@ from endolab.solvers.problem import Problem
 from endolab.solvers.result import Iterate, Observer
 
 EXPONENTS = np.linspace(0.0, 5.0, 11)  # k that are tried; endoscopes have 0.5 to 3.5
-FIRST = 4  # of these, with which to begin: 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,10 +191,11 @@ def _scan(frame: Frame, calibration: Calibration) -> Generator[Iterate, None, _S
         lit = [replace(c, photometry=replace(c.photometry, k=float(k))) for c in colours]
         return replace(lit[1], colours=tuple(lit))
 
-    found = yield from separate(under(EXPONENTS[FIRST]), prior, False)
-    surfaces = {FIRST: found.trial.surface}
-    for index in (*range(FIRST + 1, len(EXPONENTS)), *reversed(range(FIRST))):
-        neighbour = index - 1 if index > FIRST else index + 1
+    first = 4  # of EXPONENTS: 2
+    found = yield from separate(under(EXPONENTS[first]), prior, False)
+    surfaces = {first: found.trial.surface}
+    for index in (*range(first + 1, len(EXPONENTS)), *reversed(range(first))):
+        neighbour = index - 1 if index > first else index + 1
         # The surface of the same slants that makes the same picture under another k.
         moved = 0.5 * (EXPONENTS[index] - EXPONENTS[neighbour]) * fall
         start = surfaces[neighbour].log_distance + moved
@@ -208,8 +208,8 @@ def _scan(frame: Frame, calibration: Calibration) -> Generator[Iterate, None, _S
         with np.errstate(divide="ignore"):
             contrast = np.log(nearness.std() / nearness.mean())
         costs[index] = np.log(surface.energy) - 0.5 * contrast
-    mask = surfaces[FIRST].mask
-    v = surfaces[FIRST].log_distance[mask]
+    mask = surfaces[first].mask
+    v = surfaces[first].log_distance[mask]
     fall = fall[mask]
     if not (np.all(np.isfinite(costs)) and np.ptp(fall) > 0):
         raise ValueError(f"{frame.name}: its surface has no contrast")

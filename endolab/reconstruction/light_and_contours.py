@@ -73,10 +73,7 @@ BOUNCED = "bounced light"  # three colours, likewise
 CONTOURS = "contours"  # cut
 LAMPS = "lamps"  # one channel, lit by lamps that stand aside
 
-# Factor by which a misfit may be another.
-NEARLY = 1.03
-# Of one channel, which tells nothing.
-NO_LIGHT = Light(LightOutcome.NO_COLOUR, np.empty(0), 0.0, 0.0)
+NO_LIGHT = Light(LightOutcome.NO_COLOUR, np.empty(0), 0.0, 0.0)  # of one channel
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,7 +237,7 @@ def separate(
         trials = yield from _try_contours(trial, problem.colours, prior, number + 1)
         number += len(trials) - 1
         trial, outcome = choose(trials, always=bool(contours))
-        for doubt in (1 / NEARLY, NEARLY):
+        for doubt in (1 / 1.03, 1.03):  # a misfit may be another by so much
             other, _ = choose(trials, bool(contours), doubt)
             if other is not trial:
                 moved = other.surface.log_distance - trial.surface.log_distance

@@ -20,13 +20,6 @@ from endolab.solvers.problem import LOWER_BOUND, NONE, Problem
 from endolab.solvers.provenance import ContourOutcome, LightOutcome, Report
 from endolab.solvers.result import Iterate, Result
 
-# What may be where little is explained, and by which options.
-CAUSES = {
-    "wet spots, vessels": {"highlights", "channel"},
-    "folds that were not found": {"contours"},
-    "another k or γ": {"k", "gamma"},
-    "λ too large": {"lam", "regulariser", "epsilon", "xi"},
-}
 WITHOUT_RAY = 0.02  # of the picture's pixels, from which on it is doubtful
 SOLVER_NAMES = {
     "gauss_newton": "Gauss-Newton",
@@ -34,7 +27,6 @@ SOLVER_NAMES = {
     "fast_marching": "fast marching",
     "facing": "facing",
 }
-LOOKED_FOR = {SMOOTH: "folds", BOUNCED: "bounced light", CONTOURS: "folds"}
 
 
 def meaning(result: Result | Iterate) -> tuple[str, ...]:
@@ -363,7 +355,14 @@ def warnings(result: Result, turned: Set[str] = frozenset()) -> Iterator[str]:
         solver = str(result.report.asked.get("solver", ""))
         by_newton = solver == "gauss_newton"
         usual = "in tissue 95 % and more" if in_tissue else "99 %"
-        causes = sorted(CAUSES, key=lambda cause: turned.isdisjoint(CAUSES[cause]))
+        # What may be where little is explained, and by which options.
+        options = {
+            "wet spots, vessels": {"highlights", "channel"},
+            "folds that were not found": {"contours"},
+            "another k or γ": {"k", "gamma"},
+            "λ too large": {"lam", "regulariser", "epsilon", "xi"},
+        }
+        causes = sorted(options, key=lambda cause: turned.isdisjoint(options[cause]))
         why = (
             f"{usual} is usual. What may be: {', '.join(causes)}, or no endoscope's frame."
         )
@@ -465,8 +464,9 @@ def describe(
     `reached` is "look" or "iterate" of what is still moving; `errors` are the mean and the median, %.
     While light and contours are looked for, it says so.
     """
-    if reached == "iterate" and result.iterate.stage in LOOKED_FOR:
-        return f"looking for {LOOKED_FOR[result.iterate.stage]}"
+    looked_for = {SMOOTH: "folds", BOUNCED: "bounced light", CONTOURS: "folds"}
+    if reached == "iterate" and result.iterate.stage in looked_for:
+        return f"looking for {looked_for[result.iterate.stage]}"
     asked = result.report.asked
     solver = str(asked.get("solver", "gauss_newton"))
     parts = [SOLVER_NAMES[solver]]

@@ -27,7 +27,6 @@ from endolab.solvers.result import Iterate, Result
 from endolab.solvers.solvers import DEFAULT_SOLVER, options_of
 
 Picture = Frame | FloatArray | ValueError
-INDEPENDENT = 100.0  # as many of the pixels that are compared tell their own story
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,7 +224,7 @@ def scale_between(before: Result, result: Result) -> float:
     Prior beliefs are that log gain makes a random walk of 0.1 a frame, and that T, in
     median distances, and ω, in rad, are of the order 0.05. The maximum a posteriori is
     found by reweighting (Cauchy), because at folds the motion is none of the linear kind; the
-    pixels' errors are alike, so that all count as `INDEPENDENT` ones. Coming straight at a flat wall
+    pixels' errors are alike, so that all count as a hundred. Coming straight at a flat wall
     and turning up the gain look the same: then the priors divide the change between them. Where the gain is
     known, it alone tells.
     """
@@ -247,7 +246,8 @@ def scale_between(before: Result, result: Result) -> float:
     with np.errstate(invalid="ignore"):
         # A surface that turns away more says little of its place.
         good = (old > 0) & (new > 0) & (facing < -0.25)
-    if good.sum() < INDEPENDENT:
+    independent = 100.0
+    if good.sum() < independent:
         return by_gain
     old = old[good]
     n = n[good]
@@ -263,7 +263,7 @@ def scale_between(before: Result, result: Result) -> float:
         residual = y - a @ x
         spread = max(1.4826 * float(np.median(np.abs(residual))), 1e-4)
         weight = 1 / (1 + (residual / (2 * spread)) ** 2) / spread**2
-        weight *= min(1.0, INDEPENDENT / len(y))
+        weight *= min(1.0, independent / len(y))
         information = (weight * a.T) @ a + np.diag(prior_weight)
         x = np.linalg.solve(information, a.T @ (weight * y) + prior_weight * prior)
     return float(np.exp(x[0]))

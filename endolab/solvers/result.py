@@ -27,8 +27,6 @@ from endolab.solvers.provenance import Report
 # the stage whose answer counts, and the same in a known unit
 SOLUTION = "solution"
 SCALED = "scaled"
-# In any unit; beyond, it is a slip of the pen. Their squares are numbers in single precision, too.
-DISTANCES = (1e-12, 1e12)
 NOTHING = "the solver produced no depth map that is finite"
 
 
@@ -150,8 +148,9 @@ class Result:
     stages: tuple[Stage, ...] = ()  # all, in order
 
     def __post_init__(self) -> None:
-        v, (least, most) = self.iterate.log_distance[self.mask], np.log(DISTANCES)
-        if not (np.all(v >= least) and np.all(v <= most)):
+        v = self.iterate.log_distance[self.mask]
+        # In any unit; beyond, it is a slip of the pen. Their squares are numbers in single precision, too.
+        if not np.all(np.abs(v) <= np.log(1e12)):
             with np.errstate(over="ignore"):
                 span = f"{np.exp(v.min()):.3g} to {np.exp(v.max()):.3g} {self.problem.unit}"
             cause = (
