@@ -254,7 +254,7 @@ SETTINGS = [
     settings({"endolab_settings": 1, "contours": "yes"}, "contours"),
     settings({"endolab_settings": 1, "known_distance": [1, 2]}, "known_distance"),
     settings({"endolab_settings": 1, "photometry": {"gamma": "2"}}, "gamma"),
-    settings({"endolab_settings": 1, "held": "none.npz"}, "none.npz"),
+    settings({"endolab_settings": 1, "held": "none.npz"}, "held"),
     settings(
         {"endolab_settings": 1, "solver_options": {"tolerance": 1}}, "solver_options"
     ),
@@ -350,7 +350,7 @@ CALLED = [
     Row("show_surface", lambda: el.show_surface("run.rrd"), "result"),
     Row("read_recording", lambda: el.read_recording("run.rrd"), "run.rrd"),
     Row("found", lambda: el.load_found("two.npz"), "two.npz"),
-    Row("held", lambda: solve(held=1), "solve_found"),
+    Row("held", lambda: solve(held=1), "held"),
     Row("record", lambda: el.record("run.txt"), "run.txt"),
     Row("tune", lambda: el.tune("a.png", el.load_calibration("c3vd")), "frame"),
     Row("no folder", lambda: el.open_dataset("none"), "none"),

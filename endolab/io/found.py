@@ -17,7 +17,6 @@ from endolab.numerics.checked_types import from_content
 from endolab.numerics.checks import PATH, check_kinds
 from endolab.reconstruction.found import Found
 from endolab.reconstruction.settings import Settings
-from endolab.solvers.descent import DESCENT
 from endolab.solvers.problem import Problem
 from endolab.solvers.provenance import Report
 
@@ -52,7 +51,7 @@ def load_found(path: PathLike) -> Found:
     Parameters
     ----------
     path : path
-        A `found.npz` of the tuner's export, or a `held.npz` of endolab 0.2.
+        A `found.npz` of the tuner's export.
 
     Returns
     -------
@@ -70,12 +69,6 @@ def load_found(path: PathLike) -> Found:
         start = arrays.pop("start", None)
         own = Calibration.from_dict(texts["own"])
         believed = Calibration.from_dict(texts["believed"])
-        is_new = "settings" in texts
-        if (
-            not is_new
-        ):  # of 0.2: its unit may be that of a length, and its picture is not told
-            unknown = {"fingerprint": None, "scale": "", "length": None}
-            texts["report"] |= unknown | {"length_by_gain": None}
         problem = Problem(
             camera=own.camera,
             photometry=own.photometry,
@@ -83,11 +76,9 @@ def load_found(path: PathLike) -> Found:
             report=from_content(Report, texts["report"], FOUND_FILE),
             **arrays,
         )
-        settings = texts["settings"] if is_new else texts["report"]["asked"]
         return Found(
             problem=problem,
-            settings=from_content(Settings, settings, FOUND_FILE),
+            settings=from_content(Settings, texts["settings"], FOUND_FILE),
             believed=believed,
             start=start,
-            halvings=DESCENT.like_halvings if is_new else DESCENT.start_halvings,
         )

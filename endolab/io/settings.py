@@ -90,8 +90,6 @@ def write_settings(settings: SolvingSettings, path: PathLike) -> None:
 def read_settings(path: PathLike) -> SolvingSettings:
     """Read settings; OSError or ValueError in one sentence, which names what in the file is wrong."""
     content = read_json(path, "settings file")
-    if isinstance(content, dict) and "held" in content:  # as 0.2 has it
-        content["found"] = content.pop("held")
     known = from_content(_File, content, str(path))
     light = content.pop("photometry", {})
     files = {name: content.pop(name, "") for name in ("found", "mask")}

@@ -69,9 +69,8 @@ class Found:
         return problem, self.start + 0.5 * np.log(ratio)
 
     def is_of(self, frame: Frame) -> bool:
-        """Whether it was found in this picture, under whatever mask; 0.2 did not tell in which."""
-        own = self.problem.report.fingerprint
-        return own is None or own[0] == fingerprint_of(frame)[0]
+        """Whether it was found in this picture, under whatever mask."""
+        return self.problem.report.fingerprint[0] == fingerprint_of(frame)[0]
 
     def differences(
         self, frame: Frame, calibration: Calibration, settings: Settings
@@ -92,7 +91,6 @@ class Found:
         other = [name for name in now if before[name] != now[name]]
         if columns != (settings.width or frame.width):
             other.insert(0, "width")
-        own = self.problem.report.fingerprint
-        if own is not None and own[1] != fingerprint_of(frame)[1]:
+        if self.problem.report.fingerprint[1] != fingerprint_of(frame)[1]:
             other.insert(0, "mask")
         return other if self.is_of(frame) else ["picture", *other]

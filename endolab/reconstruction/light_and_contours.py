@@ -42,7 +42,6 @@ import numpy as np
 from endolab.frames.frame import ROUNDING
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.resampling import resample
-from endolab.numerics.side_by_side import run_together
 from endolab.reconstruction import constants
 from endolab.reconstruction.colours import (
     AlbedoPrior,
@@ -477,34 +476,30 @@ def _try_contours(
 ) -> Solving[list[Trial]]:
     """Cut a surface at ever less steep lines; return what is found each time, the uncut surface first.
 
-    Where colours tell which is right, the first two start from the uncut surface, side by side. All others
-    start from the one before. `number` is the first trial's round.
+    Where colours tell which is right, the first two start from the uncut surface, all others from the one
+    before. `number` is the first trial's round.
     """
     picture = uncut.surface.problem
     lines = find_contours(picture.log_d0, picture.mask)
-    cut = [
-        (steepness, replace(picture, cuts=lines > steepness))
-        for steepness in constants.MIN_STEEPNESS
-        if (lines > steepness).any()
-    ]
     options: dict[str, Any] = {}
     if colours:
         # Where a trial is chosen by its energy, that must be near its end.
         count = constants.UNCUT_ROUNDS[0] if uncut.is_clean else constants.TRIAL_STEPS
         options["max_iterations"] = count
-
-    def solve(index: int, start: Iterate) -> Solving[Iterate]:
-        start_map = start.log_distance
-        problem = cut[index][1]
-        return solve_stage(problem, CONTOURS, number + index, start=start_map, **options)
-
+    is_told = uncut.light.outcome is LightOutcome.REMOVED
     trials = [uncut]
-    begun = []
-    if uncut.light.outcome is LightOutcome.REMOVED:
-        begun = run_together([solve(i, uncut.surface) for i in range(len(cut[:2]))])
-    for index, (steepness, _) in enumerate(cut):
-        steps = begun[index] if index < len(begun) else solve(index, trials[-1].surface)
-        surface = yield from steps
+    for steepness in constants.MIN_STEEPNESS:
+        cuts = lines > steepness
+        if not cuts.any():
+            continue
+        before = uncut if is_told and len(trials) == 2 else trials[-1]
+        surface = yield from solve_stage(
+            replace(picture, cuts=cuts),
+            CONTOURS,
+            number + len(trials) - 1,
+            start=before.surface.log_distance,
+            **options,
+        )
         trial = replace(uncut, surface=surface, min_steepness=steepness)
         if prior is not None and not uncut.is_clean:
             ratio, light = estimate_indirect(colours, surface, prior)

@@ -117,8 +117,6 @@ def reconstruct(
     ('CONVERGED', True, (72, 96))
     """
     with limit_threads(threads):
-        if "held" in options:
-            raise ValueError("held= went: give what was found to endolab.solve_found()")
         settings = Settings.of(options)
         calibration = calibration.for_size(frame.width, frame.height)
         steps = _stages(frame, calibration, settings, start)

@@ -71,7 +71,7 @@ class Report:
         0.0  # fraction of what it shows that the camera's model does not reach
     )
     # Of picture and mask: equal for equal ones.
-    fingerprint: tuple[str, str] | None = field(default=None, repr=False)
+    fingerprint: tuple[str, str] = field(default=("", ""), repr=False)
 
     # Light that bounced
     light: LightOutcome | None = None

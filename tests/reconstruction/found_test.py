@@ -1,6 +1,5 @@
 """What was found of a picture: `reconstruct` is find, solve and to scale, and each can be done again."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -69,30 +68,6 @@ def test_a_gain_that_becomes_known_makes_mm(options):
     np.testing.assert_allclose(later.distance, first.distance, rtol=1e-6)
     gone = solve_found(found_in(KNOWN, **options), UNKNOWN)
     assert not gone.metric
-
-
-def test_what_0_2_held_is_solved(tmp_path):
-    """Its report had one fingerprint, its start the unit of the answer, and its camera was the problem's."""
-    found = found_in(UNKNOWN)
-    save_found(found, tmp_path / "found.npz")
-    with np.load(tmp_path / "found.npz") as archive:
-        arrays = dict(archive)
-    texts = json.loads(arrays["texts"].tobytes())
-    texts["report"] |= {"fingerprint": "c0ffee", "scale": "median distance"}
-    texts["report"] |= {"asked": texts.pop("settings"), "length": 40.0}
-    del texts["report"]["stage"]
-    texts["believed"]["camera"] = texts["own"]["camera"]
-    texts["own"]["photometry"]["gain"] *= 4  # mm
-    texts["metric"] = True
-    arrays["start"] = arrays["start"] + np.log(2)
-    arrays["texts"] = np.frombuffer(json.dumps(texts).encode(), np.uint8)
-    np.savez(tmp_path / "held.npz", **arrays)
-    held = el.load_found(tmp_path / "held.npz")
-    now = el.solve_found(held, UNKNOWN, lam=0.5)
-    then = solve_found(replace(found, halvings=held.halvings), UNKNOWN, lam=0.5)
-    np.testing.assert_allclose(now.distance, 2 * then.distance, rtol=1e-3)
-    assert scale_of(now) == "none"
-    assert held.is_of(GREY)  # for all that it tells
 
 
 @pytest.mark.parametrize("stage", ["bounced light", "contours"])
