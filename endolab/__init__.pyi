@@ -18,6 +18,8 @@ from .io.found import load_found as load_found
 from .io.images import read_frame as read_frame
 from .io.surfaces import write_mesh as write_mesh
 from .io.video import open_frames as open_frames
+from .metrics.contrast import explained_contrast as explained_contrast
+from .metrics.contrast import suggest_lam as suggest_lam
 from .model.brdf import Lambertian as Lambertian
 from .model.brdf import TabulatedBRDF as TabulatedBRDF
 from .model.cameras import BrownConrady as BrownConrady
@@ -28,16 +30,14 @@ from .model.endoscope import Calibration as Calibration
 from .model.lights import SpotLight as SpotLight
 from .model.photometry import Photometry as Photometry
 from .numerics.iteration import Status as Status
-from .reconstruction.contrast import explained_contrast as explained_contrast
-from .reconstruction.contrast import suggest_lam as suggest_lam
 from .reconstruction.estimate_light import estimate_light as estimate_light
-from .reconstruction.mesh import make_mesh as make_mesh
 from .reconstruction.pipeline import iterate as iterate
 from .reconstruction.pipeline import reconstruct as reconstruct
 from .reconstruction.pipeline import solve_found as solve_found
 from .reconstruction.prepare import prepare as prepare
 from .reconstruction.sequence import reconstruct_sequence as reconstruct_sequence
 from .reconstruction.uncertainty import uncertainty_of as uncertainty_of
+from .solvers.mesh import make_mesh as make_mesh
 from .solvers.result import Iterate as Iterate
 from .solvers.result import Result as Result
 from .solvers.result import run as run

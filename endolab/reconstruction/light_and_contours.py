@@ -41,7 +41,7 @@ import numpy as np
 
 from endolab.frames.frame import ROUNDING
 from endolab.numerics.arrays import BoolArray, FloatArray
-from endolab.numerics.resampling import resample
+from endolab.numerics.resampling import resample, resample_cuts
 from endolab.reconstruction import constants
 from endolab.reconstruction.colours import (
     AlbedoPrior,
@@ -62,6 +62,7 @@ from endolab.reconstruction.settings import SEPARATED
 from endolab.reconstruction.walls import Walls
 from endolab.solvers.descent import DESCENT
 from endolab.solvers.gauss_newton import gauss_newton
+from endolab.solvers.linearised import far_end_moves
 from endolab.solvers.problem import EXACT, LOWER_BOUND, NONE, Problem
 from endolab.solvers.provenance import ContourOutcome, LightOutcome
 from endolab.solvers.result import Iterate, Result, Solving, name_stage
@@ -549,13 +550,6 @@ def _misfit_limit(trials: Sequence[Trial]) -> float:
     return constants.MISFIT_LIMIT * max(trials[0].light.factor, 1.0) * least
 
 
-def far_end_moves(iterate: Iterate, moved: FloatArray) -> float:
-    """How much farther the farthest twentieth comes if log d changes by that, (H, W); the median stays."""
-    mask = iterate.mask
-    far = mask & (iterate.distance >= np.percentile(iterate.distance[mask], 95))
-    return float(np.expm1(np.median(moved[far]) - np.median(moved[mask])))
-
-
 def cut_at_contours(problem: Problem, min_steepness: float | None) -> Problem:
     """Cut the surface at the picture's lines that are steeper than this, if there are any."""
     if min_steepness is None:
@@ -574,31 +568,6 @@ def tissue_cuts(colours: Sequence[Problem]) -> BoolArray | None:
     log_dark = -np.log(np.where(red.mask, red.image, 1.0))
     cuts = find_contours(log_dark, red.mask, in_tissue=True) > constants.TISSUE_STEEPNESS
     return cuts if cuts.any() else None
-
-
-def nearest_pixels(old: tuple[int, ...], new: tuple[int, ...]) -> tuple[Any, ...]:
-    """Return the pixels of one grid in which the centres of another's lie, as an index of maps."""
-    return np.ix_(
-        *(
-            (size / count * (np.arange(count) + 0.5)).astype(int)
-            for size, count in zip(old, new, strict=True)
-        )
-    )
-
-
-def resample_cuts(cuts: BoolArray, shape: tuple[int, ...]) -> BoolArray:
-    """Return cuts (2, h, w), as `Problem` has them, on more pixels or fewer, (H, W).
-
-    A step between two of these is cut if one on the way between the nearest pixels is.
-    """
-    nearest = nearest_pixels(cuts.shape[1:], shape)
-    resampled = []
-    for cut, axis in zip(cuts, (1, 0), strict=True):
-        # On the way from the border to each pixel.
-        passed = (np.cumsum(cut, axis) - cut)[nearest]
-        ahead = np.diff(passed, axis=axis, append=passed.take([-1], axis))
-        resampled.append(ahead > 0)
-    return np.stack(resampled)
 
 
 def min_steepness_of(result: Result) -> float | None:

@@ -8,14 +8,14 @@ import numpy as np
 from endolab.frames.boxes import find_box
 from endolab.frames.frame import SATURATED
 from endolab.frames.surround import surround_doubts
+from endolab.metrics.contrast import ENOUGH_CONTRAST, explained_contrast, noise_left
 from endolab.model.photometry import CHANNELS
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.iteration import Status
-from endolab.reconstruction.contrast import ENOUGH_CONTRAST, explained_contrast, noise_left
 from endolab.reconstruction.lamps import BOUNDS
 from endolab.reconstruction.light_and_contours import BOUNCED, CONTOURS, SMOOTH
-from endolab.reconstruction.linearised import far_end_by_gamma
 from endolab.reconstruction.scale import pixel_name, scale_of
+from endolab.solvers.linearised import far_end_by_gamma
 from endolab.solvers.problem import LOWER_BOUND, NONE, Problem
 from endolab.solvers.provenance import ContourOutcome, LightOutcome, Report
 from endolab.solvers.result import Iterate, Result

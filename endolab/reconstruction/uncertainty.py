@@ -37,6 +37,7 @@ import numpy as np
 from scipy.ndimage import binary_erosion, label
 
 from endolab.frames.highlights import extend
+from endolab.metrics.contrast import noise_left
 from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import check_int, excerpt
@@ -46,13 +47,12 @@ from endolab.numerics.noise import mean_weight
 from endolab.numerics.resampling import resample
 from endolab.numerics.stencils import links, px_per_reference
 from endolab.numerics.threads import limit_threads
-from endolab.reconstruction.contrast import noise_left
-from endolab.reconstruction.linearised import Linearised, on_fewer_pixels
 from endolab.reconstruction.lines import find_contours
 from endolab.reconstruction.prior_sigma import PriorSigma
 from endolab.reconstruction.scale import own_pixel
 from endolab.reconstruction.walls import Walls
 from endolab.solvers.gauss_newton import gauss_newton
+from endolab.solvers.linearised import Linearised, on_fewer_pixels
 from endolab.solvers.multigrid import Multigrid, multiply
 from endolab.solvers.normal_equations import Coefficients
 from endolab.solvers.problem import Problem

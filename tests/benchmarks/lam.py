@@ -11,7 +11,7 @@ import sys
 
 import numpy as np
 
-from endolab.reconstruction.contrast import explained_contrast, suggest_lam
+from endolab.metrics.contrast import explained_contrast, suggest_lam
 from tests.benchmarks.frames import cases_of, table
 
 LAMS = (0.1, 0.32, 1.0, 3.2, 10.0)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from endolab.metrics.mesh_distance import distance_to, to_open3d
-from endolab.reconstruction.mesh import make_mesh
+from endolab.solvers.mesh import make_mesh
 
 Y, X = np.indices((5, 7)) - 2.0
 WALL = np.dstack([X, Y, np.full_like(X, 50.0)])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import endolab as el
-from endolab.reconstruction.contrast import explained_share, noise_left
+from endolab.metrics.contrast import explained_share, noise_left
 from endolab.solvers.result import Iterate
 from tests.tools.problems import Shot, at_truth
 

@@ -8,9 +8,9 @@ import pytest
 
 import endolab as el
 from endolab.io.found import load_found, save_found
+from endolab.metrics.contrast import explained_contrast
 from endolab.model.lights import SpotLight
 from endolab.numerics.iteration import finish
-from endolab.reconstruction.contrast import explained_contrast
 from endolab.reconstruction.lamps import Lamps, divide_by_lamps
 from endolab.reconstruction.pipeline import find
 from endolab.reconstruction.prior_sigma import PriorSigma

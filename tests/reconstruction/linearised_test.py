@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 import endolab as el
-from endolab.reconstruction.linearised import far_end_by_gamma
+from endolab.solvers.linearised import far_end_by_gamma
 
 
 def test_what_gamma_does_to_the_far_end_is_what_solving_again_finds():

@@ -27,14 +27,14 @@ from functools import cached_property
 import numpy as np
 from skimage.measure import label
 
-from endolab.numerics.arrays import FloatArray
-from endolab.numerics.iteration import Status, Stopped, finish
-from endolab.numerics.threads import limit_threads
-from endolab.reconstruction.contrast import (
+from endolab.metrics.contrast import (
     ENOUGH_CONTRAST,
     explained_share,
     noise_left,
 )
+from endolab.numerics.arrays import FloatArray
+from endolab.numerics.iteration import Status, Stopped, finish
+from endolab.numerics.threads import limit_threads
 from endolab.reconstruction.found import Found
 from endolab.reconstruction.lamps import Lamps, divide_by_lamps
 from endolab.reconstruction.pipeline import are_as_found, find, solve_found

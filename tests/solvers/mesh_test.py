@@ -9,7 +9,7 @@ from matplotlib import colormaps
 
 from endolab.io.datasets import load_calibration
 from endolab.metrics.depth_errors import depth_cuts
-from endolab.reconstruction.mesh import make_mesh
+from endolab.solvers.mesh import make_mesh
 from endolab.solvers.result import Iterate
 from endolab.synthetic.scenes import SCENES
 from tests.tools.problems import coloured_colon
