@@ -9,7 +9,7 @@ import numpy as np
 from endolab.frames.frame import Frame
 from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import FloatArray
-from endolab.reconstruction.problem_of_frame import fingerprint_of, in_units
+from endolab.reconstruction.problem_of_frame import fingerprint_of
 from endolab.reconstruction.settings import SEPARATED, Settings
 from endolab.solvers.descent import DESCENT
 from endolab.solvers.problem import Problem
@@ -58,10 +58,8 @@ class Found:
         if light != before or problem.camera != found.camera:
             is_known = light.gain is not None
             gain = light.gain if is_known else found.photometry.gain
-            problem = replace(
-                problem, photometry=replace(light, gain=gain), metric=is_known
-            )
-            problem = in_units(problem)
+            light = replace(light, gain=gain)
+            problem = replace(problem, photometry=light, metric=is_known).in_units()
         if self.start is None:
             return problem, None
         # d goes with the square root of the gain.

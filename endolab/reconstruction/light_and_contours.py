@@ -53,11 +53,6 @@ from endolab.reconstruction.colours import (
 )
 from endolab.reconstruction.lamps import Lamps, divide_by_lamps
 from endolab.reconstruction.lines import find_contours
-from endolab.reconstruction.problem_of_frame import (
-    in_units,
-    resample_surface,
-    start_from,
-)
 from endolab.reconstruction.settings import SEPARATED
 from endolab.reconstruction.walls import Walls
 from endolab.solvers.descent import DESCENT
@@ -155,7 +150,7 @@ def light_and_contours(
     # Green, or what there is.
     full = replace(full, colours=(), report=replace(full.report, **report))
     if lamps is not None:
-        start = None if before is None else start_from(before.iterate, small)
+        start = None if before is None else before.iterate.start_of(small)
         small = replace(small, colours=())
         small, _ = yield from settle_lamps(small, start, lamps, constants.LAMP_ROUNDS)
         assert small.lamp_ratio is not None
@@ -179,7 +174,7 @@ def light_and_contours(
         steepness = chosen.min_steepness
         if steepness is not None:
             full = cut_at_contours(full, steepness)
-            first = start_from(chosen.surface, full)
+            first = chosen.surface.start_of(full)
     return _with_contours(full, outcome, steepness), first
 
 
@@ -338,7 +333,7 @@ def _separate_as_before(
         small = replace(small, cuts=lines.cuts_of(small.colours))
         if small.cuts is not None:
             outcome = ContourOutcome.AS_BEFORE
-    surface = resample_surface(before.iterate, small)
+    surface = before.iterate.resample(small)
     trial = yield from separate_from(small, prior, surface, lamps)
     trial = replace(trial, min_steepness=steepness)
     lamp_ratio = trial.surface.problem.lamp_ratio
@@ -368,18 +363,16 @@ def problem_as_before(
     )
     if not is_same:
         return None
-    return in_units(
-        replace(
-            full,
-            image=solved.image,
-            mask=solved.mask,
-            evidence=solved.evidence,
-            cuts=solved.cuts,
-            lamp_ratio=solved.lamp_ratio,
-            colours=(),
-            report=replace(old, scale="", length=None, length_by_gain=None),
-        )
-    )
+    return replace(
+        full,
+        image=solved.image,
+        mask=solved.mask,
+        evidence=solved.evidence,
+        cuts=solved.cuts,
+        lamp_ratio=solved.lamp_ratio,
+        colours=(),
+        report=replace(old, scale="", length=None, length_by_gain=None),
+    ).in_units()
 
 
 def _on_all_pixels(
@@ -413,11 +406,11 @@ def _on_all_pixels(
         lamp=light.lamp,
         other_cut=found.other_cut,
     )
-    problem = in_units(replace(problem, report=report))
+    problem = replace(problem, report=report).in_units()
     problem = _with_contours(problem, outcome, trial.min_steepness)
     if outcome is ContourOutcome.BY_LINES:
         return problem, None
-    return problem, start_from(trial.surface, problem)
+    return problem, trial.surface.start_of(problem)
 
 
 def estimate_indirect(
@@ -451,7 +444,7 @@ def _solve_direct(
     problem = merge(picture.colours, indirect_ratio, light.albedo, not light.reason)
     if surface is not None:
         problem = replace(problem, cuts=surface.problem.cuts)
-        options["start"] = start_from(surface, problem)
+        options["start"] = surface.start_of(problem)
     return (
         yield from solve_stage(problem, BOUNCED, number, max_iterations=count, **options)
     )

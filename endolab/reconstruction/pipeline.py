@@ -42,7 +42,6 @@ from endolab.reconstruction.problem_of_frame import (
     check_frame,
     problem_of_frame,
     problems_of_frame,
-    start_from,
 )
 from endolab.reconstruction.scale import to_scale
 from endolab.reconstruction.settings import Settings, takes_settings
@@ -126,7 +125,7 @@ def reconstruct(
                 full = problem_of_frame(frame, calibration, settings)
                 asked = replace(full.report, asked=settings.as_dict(), stage=answer.stage)
                 full = replace(full, report=asked, colours=())
-                answer = Iterate.of(full, start_from(answer, full))
+                answer = Iterate.of(full, answer.start_of(full))
             return to_scale(answer, settings)
 
         return run(steps, observers, last=finish)
@@ -263,7 +262,7 @@ def find(
     if start is None or first is not None:
         return found
     halvings = DESCENT.start_halvings if known is None else found.halvings
-    return replace(found, start=start_from(start.iterate, problem), halvings=halvings)
+    return replace(found, start=start.iterate.start_of(problem), halvings=halvings)
 
 
 def are_as_found(found: Found, problem: Problem, lamps: Lamps) -> bool:
