@@ -11,7 +11,6 @@ from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import FloatArray
 from endolab.reconstruction.problem_of_frame import fingerprint_of
 from endolab.reconstruction.settings import SEPARATED, Settings
-from endolab.solvers.descent import DESCENT
 from endolab.solvers.problem import Problem
 
 
@@ -28,7 +27,7 @@ class Found:
     believed: Calibration  # camera of the picture, and light when it was found
     start: FloatArray | None = None
     # So many times are rows and columns halved, for a grid on which the start becomes this problem's own.
-    halvings: int = DESCENT.like_halvings
+    halvings: int = 1
     converged_at: float | None = None  # energy of the start, if it is where a run ended
 
     def problem_with(

@@ -55,7 +55,6 @@ from endolab.reconstruction.lamps import Lamps, divide_by_lamps
 from endolab.reconstruction.lines import find_contours
 from endolab.reconstruction.settings import SEPARATED
 from endolab.reconstruction.walls import Walls
-from endolab.solvers.descent import DESCENT
 from endolab.solvers.gauss_newton import gauss_newton
 from endolab.solvers.linearised import far_end_moves
 from endolab.solvers.problem import EXACT, LOWER_BOUND, NONE, Problem
@@ -296,9 +295,14 @@ def separate_from(
     problem = _lit_by_lamps(problem, lamps, surface)
     ratio, light = estimate_indirect(problem.colours, surface, prior, per_pixel=True)
     count = constants.UNCUT_ROUNDS[-1]
-    halvings = DESCENT.start_halvings  # the camera may have moved
     surface = yield from _solve_direct(
-        problem, light, ratio, surface, 1, count, halvings=halvings
+        problem,
+        light,
+        ratio,
+        surface,
+        1,
+        count,
+        halvings=2,  # the camera may have moved
     )
     return Trial(surface, light, ratio)
 
@@ -457,7 +461,7 @@ def solve_stage(
 
     A cut one is near: what moves far hangs by few pixels, and coarser grids do not see these.
     """
-    halvings = 0 if problem.cuts is not None else DESCENT.like_halvings
+    halvings = 0 if problem.cuts is not None else 1
     options = {"halvings": halvings} | options
     return (yield from name_stage(gauss_newton(problem, **options), stage, number))
 

@@ -46,7 +46,6 @@ from endolab.reconstruction.problem_of_frame import (
 from endolab.reconstruction.scale import to_scale
 from endolab.reconstruction.settings import Settings, takes_settings
 from endolab.solvers import solvers
-from endolab.solvers.descent import DESCENT
 from endolab.solvers.problem import Problem
 from endolab.solvers.result import (
     SOLUTION,
@@ -261,7 +260,7 @@ def find(
     found = Found(problem, settings, calibration, first, converged_at=converged_at)
     if start is None or first is not None:
         return found
-    halvings = DESCENT.start_halvings if known is None else found.halvings
+    halvings = 2 if known is None else found.halvings
     return replace(found, start=start.iterate.start_of(problem), halvings=halvings)
 
 

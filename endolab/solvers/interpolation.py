@@ -102,6 +102,9 @@ def _fill(
     regular, start, pixel, block_row, block_column, weight = way
     height, width = regular.shape
     count = 0
+    near = np.empty(
+        4, np.bool_
+    )  # the block that it lies in, and those beside, below and diagonal
     for i in range(height):
         down = 2 * ((i - PAD) % 2) - 1
         ci = PAD + (i - PAD) // 2
@@ -123,23 +126,23 @@ def _fill(
                 below = link[1, i + top, j] > 0 and main[i + down, j] > 0
             diagonal = beside and not cut[1, ci + top, cj + right]
             diagonal = diagonal or (below and not cut[0, ci + down, cj + left])
-            own = main[i, j] > 0 and blocks[ci, cj] > 0
-            beside = beside and blocks[ci, cj + right] > 0
-            below = below and blocks[ci + down, cj] > 0
-            diagonal = diagonal and blocks[ci + down, cj + right] > 0
-            if own and beside and below and diagonal:
+            near[0] = main[i, j] > 0 and blocks[ci, cj] > 0
+            near[1] = beside and blocks[ci, cj + right] > 0
+            near[2] = below and blocks[ci + down, cj] > 0
+            near[3] = diagonal and blocks[ci + down, cj + right] > 0
+            if near.all():
                 regular[i, j] = 1 / 16
                 continue
 
             # The nearest of them, which may be two
-            if own or not (beside or below):
-                first = 0 if own else 3 if diagonal else 4
-                last = first
-            else:
-                first = 1 if beside else 2
-                last = 2 if below else 1
-            of_each = 1.0 if first == last else 0.5
-            for k in range(first, min(last, 3) + 1):
+            if near[0]:
+                near[1:] = False
+            elif near[1] or near[2]:
+                near[3] = False
+            of_each = 1 / max(near.sum(), 1)
+            for k in range(4):
+                if not near[k]:
+                    continue
                 row = ci + (down if k > 1 else 0)
                 column = cj + (right if k % 2 else 0)
                 # Where the pixel is from the block's centre, in blocks

@@ -57,7 +57,6 @@ MEANINGS = {
         "matrix": "k|kk|m|mtx|matrix|intrinsics",
     },
 }
-COUNTS = {"four": (4, 5, 6), "unsure": (4, 5, 8, 12, 14), "matrix": (0, 9, 12, 16)}
 
 
 class MissingSize(ValueError):
@@ -144,9 +143,10 @@ def _meaning(name: str, value: Any) -> tuple[str, str]:
     # Before a name, which camera's it is, and words that say nothing; behind it, which camera's again.
     words = r"(?:raw|input|camera|cam|image|img|intrinsics?|calibration|distortion|size|opencvstorage)*"
     form = rf"{words}?((?:cam|camera)?[0-3]|left|right)?{words}(?:%s)([0-3lr]|left|right)?"
+    counts = {"four": (4, 5, 6), "unsure": (4, 5, 8, 12, 14), "matrix": (0, 9, 12, 16)}
     for meaning, names in MEANINGS.get(type(value), MEANINGS[float]).items():
         found = re.fullmatch(form % names, _plain(name).replace(".", ""))
-        if found and len(_few_numbers(value)) in COUNTS.get(meaning, range(17)):
+        if found and len(_few_numbers(value)) in counts.get(meaning, range(17)):
             return found[1] or found[found.re.groups] or "", meaning
     return "", ""
 
