@@ -10,8 +10,8 @@ from .calibration.targets import TARGETS as TARGETS
 from .frames.frame import Frame as Frame
 from .frames.nominal import nominal_calibration as nominal_calibration
 from .io import datasets as datasets
-from .io.datasets.folders import open_dataset as open_dataset
 from .io.datasets.known_endoscopes import load_calibration as load_calibration
+from .io.datasets.published import open_dataset as open_dataset
 from .io.datasets.traced import load_traced as load_traced
 from .io.descriptions import write_calibration as write_calibration
 from .io.found import load_found as load_found

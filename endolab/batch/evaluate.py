@@ -12,7 +12,7 @@ import numpy as np
 
 from endolab.frames.frame import check_size
 from endolab.io.atomic import PathLike
-from endolab.io.datasets.folders import depth_layout, true_z
+from endolab.io.datasets.published import depth_layout
 from endolab.io.depth_maps import SUFFIXES, TEXTS, DepthMap, read_depth_map
 from endolab.io.images import read_mask
 from endolab.metrics.coverage import Coverage, coverage_of
@@ -116,9 +116,9 @@ def evaluate(
         true = read_depth_map(truth, truth_kind, truth_unit)
         _leave_out_largest(true, true_name)
     else:
-        true = DepthMap(true_z(true_name), "z", True)
-        _say_unit(Path(true_name).parent, layout.upper())
-        true_name += f", by its name in the unit of {layout.upper()}"
+        true = DepthMap(layout.read_depth(true_name)[0], "z", True)
+        _say_unit(Path(true_name).parent, layout.name.upper())
+        true_name += f", by its name in the unit of {layout.name.upper()}"
     _check_unit(true, true_name, "--truth-unit")
     if depth.metric and depth.cos_alpha is None:
         _check_unit(depth, name, "--unit")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -21,6 +22,16 @@ SATURATED = 254.5 / 255  # from here on
 ROUNDING = 0.3 / 255  # noise: that of rounding to 8 bits
 # cos α; beyond 80°, cos^k α is so small that noise divided by it looks near.
 LEAST_COSINE = float(np.cos(np.deg2rad(80.0)))
+
+
+class Selection(NamedTuple):
+    """What of a frame is to be used."""
+
+    pixels: BoolArray  # (H, W), read-only
+    # Share of a mask that is left out, as it surely lies beyond what the endoscope shows.
+    misplaced: float = 0.0
+    shown_share: float = 1.0  # of what the endoscope shows, that a mask keeps
+    box_share: float = 0.0  # of the picture, that is left out as boxes of one colour
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,43 +121,25 @@ class Frame:
         """Rows, px."""
         return self.image.shape[0]
 
-    def pixels_to_use(self) -> BoolArray:
-        """Pixels to use, (H, W): the mask, without a surround that it keeps. Read-only.
-
-        Where the mask leaves nothing out, boxes of one colour are left out as well.
-        """
-        return self._pixels_used[0]
-
-    @property
-    def box_share(self) -> float:
-        """Share of the picture that is left out as boxes of one colour."""
-        return self._pixels_used[1]
-
-    @property
-    def shown_share(self) -> float:
-        """Share of what the endoscope shows that a mask keeps."""
-        return self._pixels_used[2]
-
-    @property
-    def misplaced(self) -> float:
-        """Share of a mask that is left out, as it surely lies beyond what the endoscope shows."""
-        if self.mask.all():
-            return 0.0
-        return 1 - float(self.pixels_to_use().sum() / self.mask.sum())
-
     @cached_property
-    def _pixels_used(self) -> tuple[BoolArray, float, float]:
+    def selection(self) -> Selection:
+        """Pixels to use, and what was left out to get them.
+
+        A surround that the mask keeps is none of them; where the mask leaves nothing out, boxes of one colour
+        are left out as well.
+        """
         if self.mask.all():
             shown = field_of_view(self.image)
             boxes = shown & flat_boxes(self.image, shown)
-            return freeze(shown & ~boxes), float(boxes.mean()), 1.0
+            return Selection(freeze(shown & ~boxes), box_share=float(boxes.mean()))
         field = field_of_view(self.image, SURE)
         # A mask that follows the field's very edge, which is soft, is none that is misplaced.
         around = dilate(field, 0.03 * min(field.shape))
         beyond = (self.mask & ~around).sum() / self.mask.sum()
         seen = self.mask & field
         used = freeze(seen) if beyond > 0.05 and seen.any() else self.mask
-        return used, 0.0, float(seen.sum() / field.sum())
+        misplaced = 1 - float(used.sum() / self.mask.sum())
+        return Selection(used, misplaced, float(seen.sum() / field.sum()))
 
     def channel(self, name: str | None = None) -> tuple[str, FloatArray]:
         """One channel of the picture, and its name: "red", "green", "blue" or "grey".

@@ -49,10 +49,10 @@ def problem_of_frame(frame: Frame, calibration: Calibration, settings: Settings)
         frame = frame.resize(width, height, photometry.gamma)
     camera = calibration.camera.resize(frame.width, frame.height)
     highlights = settings.used_highlights
-    seen = frame.pixels_to_use()
+    seen = frame.selection.pixels
     known = seen & camera.field.valid
     # On the frame's own pixels, if all have a ray.
-    shown = known if (seen & ~known).any() else whole.pixels_to_use()
+    shown = known if (seen & ~known).any() else whole.selection.pixels
     field = measure_field(shown, camera, picture_size) if known.any() else {}
     mirrored = silent = np.zeros_like(known) if frame.silent is None else frame.silent
     if highlights != "keep":
@@ -83,9 +83,9 @@ def problem_of_frame(frame: Frame, calibration: Calibration, settings: Settings)
             channel=name,
             smooth=blur,
             highlights=highlights,
-            misplaced=frame.misplaced,
-            shown_share=frame.shown_share,
-            box_share=frame.box_share,
+            misplaced=frame.selection.misplaced,
+            shown_share=frame.selection.shown_share,
+            box_share=frame.selection.box_share,
             without_ray=1 - float(known.sum() / seen.sum()),
             fingerprint=fingerprint,
         )

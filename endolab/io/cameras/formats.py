@@ -15,15 +15,6 @@ from endolab.model.endoscope import NOMINAL_LIGHT, Calibration
 from endolab.model.photometry import NOMINAL
 from endolab.numerics.checks import shorten, unknown_name
 
-# What is not read, by how a suffix or a key begins, and the way on.
-WAYS_ON = {
-    ".bin": "COLMAP's binary: `colmap model_converter --output_type TXT` makes cameras.txt of it",
-    INI: "an .ini: ROS's `camera_calibration_parsers convert` makes YAML of it, and its .yaml is beside it",
-    "calibration.projection": "Metashape's: save it as OpenCV's, in its Camera Calibration",
-    "document.chunk": "Metashape's: save it as OpenCV's, in its Camera Calibration",
-    "target_type": "a board of Kalibr, which --target is for",
-}
-
 
 def split_choice(name: PathLike) -> tuple[str, str | None]:
     """Split ``camchain.yaml#cam1`` into the file and which of its cameras is wanted, if any."""
@@ -71,10 +62,20 @@ def _read(path: PathLike, size: Size | None) -> tuple[Calibration, list[str]]:
             notes.append(nominal)
     try:
         if not is_own:
+            # What is not read, by how a suffix or a key begins, and what helps.
+            metashape = "Metashape's: save it as OpenCV's, in its Camera Calibration"
+            remedies = {
+                ".bin": "COLMAP's binary: `colmap model_converter --output_type TXT` makes cameras.txt of it",
+                INI: "an .ini: ROS's `camera_calibration_parsers convert` makes YAML of it, and its .yaml is "
+                "beside it",
+                "calibration.projection": metashape,
+                "document.chunk": metashape,
+                "target_type": "a board of Kalibr, which --target is for",
+            }
             names = [Path(file).suffix, *(name for name, _ in leaves(document))]
-            for known, way in WAYS_ON.items():
+            for known, remedy in remedies.items():
                 if any(name.startswith(known) for name in names):
-                    raise ValueError(way)
+                    raise ValueError(remedy)
             form, cameras = list_cameras(document)
             if not cameras:
                 raise ValueError(

@@ -197,7 +197,7 @@ class Source:
 def _leave_out(subject: Subject, rectangles: Sequence[Sequence[float]]) -> Subject:
     """Leave rectangles out of what a subject's frame shows."""
     frame = subject.frame
-    mask = frame.pixels_to_use().copy()
+    mask = frame.selection.pixels.copy()
     row, column = np.ogrid[: frame.height, : frame.width]
     x, y = (column + 0.5) / frame.width, (row + 0.5) / frame.height
     for left, top, right, bottom in rectangles:

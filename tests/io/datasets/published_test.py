@@ -51,7 +51,7 @@ def test_published_frames_are_where_they_are_said_to_be_and_nowhere_else(
 @pytest.mark.parametrize("suffix", ["png", "tiff"])
 def test_a_frame_of_c3vd(tmp_path, suffix):
     write_c3vd(tmp_path, suffix)
-    sample = datasets.read_c3vd(tmp_path, 42)
+    (sample,) = datasets.open_dataset(tmp_path)
     assert sample.frame.name == "0042_color.png"
     assert_array_equal(sample.frame.image[7, 9] * 255, (30, 20, 10))
     assert_array_equal(sample.frame.mask, np.arange(1350) > np.zeros((1080, 1)))
