@@ -117,7 +117,7 @@ def evaluate(
         _leave_out_largest(true, true_name)
     else:
         true = DepthMap(layout.read_depth(true_name)[0], "z", True)
-        _say_unit(Path(true_name).parent, layout.name.upper())
+        _warn_of_unit(Path(true_name).parent, layout.name.upper())
         true_name += f", by its name in the unit of {layout.name.upper()}"
     _check_unit(true, true_name, "--truth-unit")
     if depth.metric and depth.cos_alpha is None:
@@ -195,7 +195,7 @@ def _leave_out_largest(true: DepthMap, name: str) -> None:
 
 
 @lru_cache(maxsize=1)  # once for a folder
-def _say_unit(folder: Path, data_set: str) -> None:
+def _warn_of_unit(folder: Path, data_set: str) -> None:
     message = "%s: the truth is, by its name, in the unit of %s; --truth-unit says another"
     log.warning(message, folder, data_set)
 

@@ -34,8 +34,8 @@ from endolab.numerics.checks import check_int
 from endolab.numerics.iteration import Status
 from endolab.reconstruction.light_and_contours import min_steepness_of
 from endolab.reconstruction.sequence import (
-    Carried,
     Picture,
+    State,
     Step,
     as_frame,
     reconstruct_sequence,
@@ -134,18 +134,18 @@ def reconstruct_video(
         folder.read_done()
     before = list(itertools.takewhile(folder.is_done, wanted))
     done = len(before)
-    carried = None
+    state = None
     good = [name for name in before if not folder.rows[name]["error"]]
     if good and done < len(wanted):
         (seen,) = _read(frames, good[-1:], inside)
-        carried = Carried.take_up(
+        state = State.restore(
             folder.maps(good[-1])["distance"],
             folder.rows[good[-1]],
             as_frame(*seen),
             calibration,
         )
     pictures = _read(frames, wanted[done:], inside)
-    steps = reconstruct_sequence(pictures, calibration, before=carried, **options)
+    steps = reconstruct_sequence(pictures, calibration, before=state, **options)
     try:
         for step in steps:
             if step.result is not None and step.result.status is Status.STOPPED:

@@ -68,7 +68,7 @@ def read_depth_map(
     """
     if kind not in (None, *KINDS):
         raise unknown_name("kind", kind, KINDS)
-    held = "z"
+    stored_kind = "z"
     if isinstance(source, np.ndarray):
         stored = source
         source = "the array"
@@ -83,7 +83,7 @@ def read_depth_map(
             metric = bool(maps.get("metric", True))
             cosine = maps["z"] / distance
             return DepthMap(distance, "distance", metric, False, cosine, **more)
-        name, held = _choose_array(source, names)
+        name, stored_kind = _choose_array(source, names)
         stored = read_arrays(source, WHAT, [name])[name]
     else:
         stored = _read_numbers(Path(source))
@@ -101,12 +101,12 @@ def read_depth_map(
         )
         values = -values
     values[~(np.isfinite(values) & (values > 0))] = np.nan
-    is_inverse = (kind or held) == "disparity"
+    is_inverse = (kind or stored_kind) == "disparity"
     if is_inverse:
         values = 1 / values
     values *= 1.0 if unit is None else unit
     return DepthMap(
-        values, "z" if is_inverse else kind or held, unit is not None, is_inverse
+        values, "z" if is_inverse else kind or stored_kind, unit is not None, is_inverse
     )
 
 

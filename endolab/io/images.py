@@ -171,14 +171,14 @@ def read_stored(
             raise ValueError
     if pages > 1 and picture.format != "MPO":  # a telephone's, with a preview
         log.warning("%s holds %d pictures: the first is taken", path, pages)
-    say_curve(path, content)
+    warn_of_curve(path, content)
     is_linear = _states_linear(picture, content)
     if is_turned:
         if is_deep and is_tiff:  # which OpenCV turns
             raise ValueError(
                 f"{path}: a TIFF of 16 bits that is marked as turned is not read"
             )
-        say_turned(path)
+        warn_of_turn(path)
     if stored.shape[2:] not in ((2,), (4,)):
         return stored, np.ones(stored.shape[:2]), is_linear
     alpha = stored[..., -1] / max(stored[..., -1].max(), 1)  # opaque may be 65280 of 65535
@@ -216,7 +216,7 @@ def _states_linear(picture: ImageFile, content: bytes) -> bool:
     return place > 2 and re.match(straight, profile[start:]) is not None
 
 
-def say_turned(name: PathLike) -> None:
+def warn_of_turn(name: PathLike) -> None:
     """Say that a picture, or a video, is not turned as it is marked to be."""
     message = "%s is marked to be shown turned; it is read as the sensor saw it, as its calibration is"
     log.warning(message, name)
@@ -231,7 +231,7 @@ def curve_of(content: bytes | mmap) -> int:
     return 0
 
 
-def say_curve(name: PathLike, content: bytes | mmap) -> None:
+def warn_of_curve(name: PathLike, content: bytes | mmap) -> None:
     """Say that values are coded as PQ or HLG (ITU-R BT.2100)."""
     curve = {16: "PQ", 18: "HLG"}.get(curve_of(content))
     if curve:

@@ -80,7 +80,7 @@ class Trial:
     min_steepness: float | None = None  # of the lines that are cut; None: uncut
 
     @property
-    def is_clean(self) -> bool:
+    def is_direct(self) -> bool:
         """Whether the colours show no light that bounced."""
         return self.light.outcome is LightOutcome.NONE_BOUNCED
 
@@ -482,15 +482,15 @@ def _try_contours(
     options: dict[str, Any] = {}
     if colours:
         # Where a trial is chosen by its energy, that must be near its end.
-        count = constants.UNCUT_ROUNDS[0] if uncut.is_clean else constants.TRIAL_STEPS
+        count = constants.UNCUT_ROUNDS[0] if uncut.is_direct else constants.TRIAL_STEPS
         options["max_iterations"] = count
-    is_told = uncut.light.outcome is LightOutcome.REMOVED
+    by_colours = uncut.light.outcome is LightOutcome.REMOVED
     trials = [uncut]
     for steepness in constants.MIN_STEEPNESS:
         cuts = lines > steepness
         if not cuts.any():
             continue
-        before = uncut if is_told and len(trials) == 2 else trials[-1]
+        before = uncut if by_colours and len(trials) == 2 else trials[-1]
         surface = yield from solve_stage(
             replace(picture, cuts=cuts),
             CONTOURS,
@@ -499,13 +499,13 @@ def _try_contours(
             **options,
         )
         trial = replace(uncut, surface=surface, min_steepness=steepness)
-        if prior is not None and not uncut.is_clean:
+        if prior is not None and not uncut.is_direct:
             ratio, light = estimate_indirect(colours, surface, prior)
             trial = replace(trial, indirect_ratio=ratio, light=light)
         trials.append(trial)
         # Less steep lines might do better where nothing bounced, or while the colours agree as well.
         is_as_good = _colours_tell(trials) and trial.light.misfit <= _misfit_limit(trials)
-        if not uncut.is_clean and not is_as_good:
+        if not uncut.is_direct and not is_as_good:
             break
     return trials
 
@@ -526,7 +526,7 @@ def choose(
         allowed = [trial for trial in allowed if trial.light.misfit <= limit]
         if allowed[0] is not uncut:
             return allowed[0], ContourOutcome.BY_COLOURS
-    price = constants.CLEAN_PRICE if uncut.is_clean else constants.PRICE
+    price = constants.CLEAN_PRICE if uncut.is_direct else constants.PRICE
     cheapest = min(
         allowed,
         key=lambda trial: np.log(trial.surface.energy) + price * trial.cut_length,

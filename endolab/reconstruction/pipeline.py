@@ -264,7 +264,7 @@ def find(
     return replace(found, start=start.iterate.start_of(problem), halvings=halvings)
 
 
-def are_as_found(found: Found, problem: Problem, lamps: Lamps) -> bool:
+def lamps_stay(found: Found, problem: Problem, lamps: Lamps) -> bool:
     """Whether ω stays: the lamps stand as before, and the surface is as far away, but for a twentieth."""
     before = Lamps.of(found.believed, found.settings)
     if before is None or problem.lamp_ratio is None:
@@ -283,7 +283,7 @@ def solve(found: Found, settings: Settings, calibration: Calibration) -> Solver:
     lamps = Lamps.of(calibration, settings)
     if lamps is None:
         problem = divide_by_lamps(problem, None)
-    elif not are_as_found(found, problem, lamps):
+    elif not lamps_stay(found, problem, lamps):
         if start is not None:
             problem = divide_by_lamps(problem, lamps.ratio(Iterate(problem, 0, start)))
         problem, start = yield from settle_lamps(problem, start, lamps, (2, 2, 2, 2))

@@ -262,7 +262,7 @@ def _of_evidence(problem: Problem) -> Iterator[str]:
             yield f"{what} {count} of {known.size} pixels ({share:.2g} %), {how}."
 
 
-def what_is_left(result: Result) -> str:
+def describe_left(result: Result) -> str:
     """Say how far a result is from its energy's minimum."""
     return f"one step of Gauss-Newton would lower its energy by {100 * result.left:.0f} %"
 
@@ -270,7 +270,7 @@ def what_is_left(result: Result) -> str:
 def summary(result: Result, sigma: FloatArray | None = None) -> Iterator[str]:
     """Say what a run found, a line each, as the command line prints it; σ (H, W), if it is known."""
     known = result.distance[result.mask]
-    yield f"{result.status.name}: {result.status.value.rstrip('.')}; {what_is_left(result)}."
+    yield f"{result.status.name}: {result.status.value.rstrip('.')}; {describe_left(result)}."
     yield (
         f"{result.iterations} iterations, {result.seconds:.2f} s, energy {result.energy:.3e}, "
         f"{known.size} pixels"
@@ -370,7 +370,7 @@ def warnings(result: Result, turned: Set[str] = frozenset()) -> Iterator[str]:
         if not (by_newton and result.status.is_done) and result.left > 0.2:
             why = (
                 f"{SOLVER_NAMES.get(solver, 'the solver')} has not come to the energy's minimum: "
-                f"{what_is_left(result)}; {'more steps do' if by_newton else 'solver gauss_newton does'}."
+                f"{describe_left(result)}; {'more steps do' if by_newton else 'solver gauss_newton does'}."
             )
         yield (
             f"The surface explains {100 * max(explained, 0):.0f} % of the picture's contrast; {why}"
@@ -488,7 +488,7 @@ def describe(
         ended = f"{status} in {result.seconds:.1f} s"
         # Where Gauss-Newton has converged there is next to nothing, and the answer is to be seen at once.
         if solver != "gauss_newton" or result.status is not Status.CONVERGED:
-            ended = f"{ended}; {what_is_left(result)}"
+            ended = f"{ended}; {describe_left(result)}"
     return " · ".join([*parts, ended])
 
 

@@ -30,17 +30,17 @@ Picture = Frame | FloatArray | ValueError
 
 
 @dataclass(frozen=True, eq=False)
-class Carried:
+class State:
     """All that a frame hands to the next: with it a sequence goes on as if it had hardly been left."""
 
-    # Of which `take_up` knows only the surface, its unit, and whether it is cut.
+    # Of which `restore` knows only the surface, its unit, and whether it is cut.
     result: Result
     light: float  # how bright the picture was, see `_light`
     least: float  # energy of the last cold start
     age: int  # frames since
 
     @classmethod
-    def take_up(
+    def restore(
         cls,
         distance: FloatArray,
         row: Mapping[str, Any],
@@ -79,14 +79,14 @@ class Step:
     warm: bool = False  # whether the result was started from the last frame's
     seconds: float = 0.0  # what the frame took, a second try from cold included
     # What the next frame takes up; None if there is an error.
-    carried: Carried | None = None
+    state: State | None = None
 
 
 def reconstruct_sequence(
     frames: Iterable[tuple[str, Picture]],
     calibration: Calibration,
     *,
-    before: Carried | None = None,
+    before: State | None = None,
     **options: Any,
 ) -> Iterator[Step]:
     """Reconstruct the frames of a video, one after the other.
@@ -102,8 +102,8 @@ def reconstruct_sequence(
         Names and pictures, as `endolab.open_frames` gives them; what says why for one that cannot be read.
     calibration : Calibration
         For pictures of that size.
-    before : Carried, optional
-        `Step.carried` of the frame before the first, with which all goes on as if there had hardly been a
+    before : State, optional
+        `Step.state` of the frame before the first, with which all goes on as if there had hardly been a
         break.
     **options
         See `endolab.reconstruct`. What fixes the scale, such as `median_distance`, is said of the
@@ -126,21 +126,21 @@ def reconstruct_sequence(
     Settings(**lengths)  # checks them
     is_of_the_first_alone = lengths["median_distance"] is None and any(lengths.values())
     can_start = "start" in options_of(options.get("solver", DEFAULT_SOLVER))
-    carried = before
+    state = before
     known = calibration.evidence
     for index, (name, picture) in enumerate(frames):
         started = time.perf_counter()
         step = Step(index, name, None)
         try:
             frame = as_frame(name, picture)
-            size = None if carried is None else carried.result.report.picture_size
+            size = None if state is None else state.result.report.picture_size
             is_alike = size in (None, (frame.width, frame.height))
-            start = carried if can_start and is_alike else None
-            asked = options | (lengths if carried is None else {})
+            start = state if can_start and is_alike else None
+            asked = options | (lengths if state is None else {})
             believed = calibration
-            if carried is not None and carried.result.metric:
+            if state is not None and state.result.metric:
                 # By the usual distance lamps are placed.
-                median = float(np.nanmedian(carried.result.distance))
+                median = float(np.nanmedian(state.result.distance))
                 photometric = known.get("photometry", {}) | {"usual_distance": median}
                 believed = replace(
                     calibration, evidence=known | {"photometry": photometric}
@@ -148,19 +148,19 @@ def reconstruct_sequence(
             found, warm = _solve_next(frame, believed, start, asked)
             result = found.result
             iterate = result.iterate
-            if carried is not None:
-                factor = scale_between(carried.result, result)
+            if state is not None:
+                factor = scale_between(state.result, result)
                 if not (result.metric and np.isclose(factor, 1)):
-                    metric = carried.result.metric
+                    metric = state.result.metric
                     iterate = in_unit(iterate, factor, metric, scale="frame before")
         except (ValueError, OSError) as error:
             message = str(error) if name in str(error) else f"{name}: {error}"
-            if carried is None and is_of_the_first_alone:
+            if state is None and is_of_the_first_alone:
                 raise ValueError(message) from error  # another frame shows other places
             step = replace(step, error=message)
         else:
-            carried = replace(found, result=replace(result, iterate=iterate))
-            step = replace(step, result=carried.result, warm=warm, carried=carried)
+            state = replace(found, result=replace(result, iterate=iterate))
+            step = replace(step, result=state.result, warm=warm, state=state)
         yield replace(step, seconds=time.perf_counter() - started)
         if step.result is not None and step.result.status is Status.STOPPED:
             return
@@ -169,9 +169,9 @@ def reconstruct_sequence(
 def _solve_next(
     frame: Frame,
     calibration: Calibration,
-    before: Carried | None,
+    before: State | None,
     options: dict[str, Any],
-) -> tuple[Carried, bool]:
+) -> tuple[State, bool]:
     """Solve a frame from what the last one handed on, or anew; and say whether the former is the answer."""
     light = _light(frame, calibration.photometry.gamma)
     warm = None
@@ -188,11 +188,11 @@ def _solve_next(
             warm.status.is_done and warm.energy <= 1.3 * before.least and before.age < 25
         )
         if is_good or warm.status is Status.STOPPED:
-            return Carried(warm, light, before.least, before.age + 1), True
+            return State(warm, light, before.least, before.age + 1), True
     cold = reconstruct(frame, calibration, **options)
     if warm is not None and warm.energy < cold.energy:
-        return Carried(warm, light, cold.energy, 1), True
-    return Carried(cold, light, cold.energy, 1), False
+        return State(warm, light, cold.energy, 1), True
+    return State(cold, light, cold.energy, 1), False
 
 
 def as_frame(name: str, picture: Picture) -> Frame:

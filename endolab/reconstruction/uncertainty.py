@@ -214,13 +214,13 @@ def follow_inflow(surface: Linearised) -> Callable[[FloatArray], FloatArray]:
     enters = surface.grid.inflow_pixels(pad_maps(surface.v))
     matrix = coefficients.matrix(1e-3)
     free = coefficients.active * pad_maps((~enters).astype(np.int8))
-    held = Multigrid(Coefficients(coefficients.parts, surface.grid.structure(free)))
+    fixed_inflow = Multigrid(Coefficients(coefficients.parts, surface.grid.structure(free)))
 
     def follow(change: FloatArray) -> FloatArray:
         given = pad_maps(np.where(enters, change, 0.0))
         pulled = np.zeros_like(given)
         multiply(matrix, given, pulled)
-        x = held.solve(-pulled * free, *surface.accuracy)[0]
+        x = fixed_inflow.solve(-pulled * free, *surface.accuracy)[0]
         return np.asarray(inner(given + x))
 
     return follow

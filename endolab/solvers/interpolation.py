@@ -71,18 +71,18 @@ def restrict(
 
 
 @kernel
-def _add_up(way: Interpolation, step: FloatArray, x: FloatArray) -> None:
+def _add_up(interpolation: Interpolation, step: FloatArray, x: FloatArray) -> None:
     """x += the blocks' step, for pixels beside rims and cuts."""
-    _, _, pixel, row, column, weight = way
+    _, _, pixel, row, column, weight = interpolation
     values = x.reshape(-1)
     for k in range(pixel.size):
         values[pixel[k]] += weight[k] * step[row[k], column[k]]
 
 
 @kernel
-def _add_down(way: Interpolation, r: FloatArray, out: FloatArray) -> None:
+def _add_down(interpolation: Interpolation, r: FloatArray, out: FloatArray) -> None:
     """Adjoint of `_add_up`."""
-    _, _, pixel, row, column, weight = way
+    _, _, pixel, row, column, weight = interpolation
     values = r.ravel()
     for k in range(pixel.size):
         out[row[k], column[k]] += weight[k] * values[pixel[k]]
@@ -96,10 +96,10 @@ def _fill(
     blocks: ByteArray,
     block_link: ByteArray,
     cut: BoolArray,
-    way: Interpolation,
+    interpolation: Interpolation,
 ) -> int:
     """Write the way from blocks to pixels; return how many weights it has beside rims and cuts."""
-    regular, start, pixel, block_row, block_column, weight = way
+    regular, start, pixel, block_row, block_column, weight = interpolation
     height, width = regular.shape
     count = 0
     near = np.empty(
@@ -234,10 +234,10 @@ class Structure:
         return {}
 
     @cached_property
-    def way(self) -> Interpolation:
+    def interpolation(self) -> Interpolation:
         """Linear interpolation from the coarser grid."""
         most = 6 * np.count_nonzero(self.active)
-        way = Interpolation(
+        interpolation = Interpolation(
             regular=np.zeros(self.active.shape),
             start=np.empty(self.active.size + 1, np.int64),
             pixel=np.empty(most, np.int64),
@@ -248,7 +248,13 @@ class Structure:
         blocks = self.coarser
         cut = blocks.link < blocks.uncut_links
         count = _fill(
-            self.active, self.main, self.link, blocks.active, blocks.link, cut, way
+            self.active,
+            self.main,
+            self.link,
+            blocks.active,
+            blocks.link,
+            cut,
+            interpolation,
         )
-        strands: Any = [part[:count].copy() for part in way[2:]]
-        return Interpolation(way.regular, way.start, *strands)
+        others: Any = [part[:count].copy() for part in interpolation[2:]]
+        return Interpolation(interpolation.regular, interpolation.start, *others)

@@ -92,8 +92,8 @@ def _lens(name: str) -> str:
         if re.fullmatch(pattern, _plain(name)):
             return kind
     is_kalibrs = name in ("ds", "eucm", "omni")
-    way = "; calibrate with Kalibr's --models pinhole-equi" if is_kalibrs else ""
-    raise ValueError(f"no lens {shorten(name)} is known here{way}")
+    remedy = "; calibrate with Kalibr's --models pinhole-equi" if is_kalibrs else ""
+    raise ValueError(f"no lens {shorten(name)} is known here{remedy}")
 
 
 def _size(part: dict[str, Any], given: Size | None) -> Sequence[float]:
