@@ -15,7 +15,6 @@ from endolab.io.surfaces import read_arrays, read_depth
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import shorten, unknown_name
 
-KINDS = ("z", "distance", "disparity")
 SUFFIXES = (".npz", ".npy", ".png", ".tif", ".tiff", ".exr", ".pfm", ".bin")  # in folders
 TEXTS = (".csv", ".txt")
 WHAT = (
@@ -66,8 +65,9 @@ def read_depth_map(
     OSError, ValueError
         In one sentence, if it cannot be read, or holds something else.
     """
-    if kind not in (None, *KINDS):
-        raise unknown_name("kind", kind, KINDS)
+    kinds = ("z", "distance", "disparity")
+    if kind not in (None, *kinds):
+        raise unknown_name("kind", kind, kinds)
     stored_kind = "z"
     if isinstance(source, np.ndarray):
         stored = source

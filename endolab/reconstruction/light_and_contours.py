@@ -65,7 +65,6 @@ from endolab.solvers.result import Iterate, Result, Solving, name_stage
 SMOOTH = "smooth"  # one channel, before anything is cut
 BOUNCED = "bounced light"  # three colours, likewise
 CONTOURS = "contours"  # cut
-LAMPS = "lamps"  # one channel, lit by lamps that stand aside
 
 NO_LIGHT = Light(LightOutcome.NO_COLOUR, np.empty(0), 0.0, 0.0)  # of one channel
 
@@ -93,19 +92,14 @@ class Trial:
 
 
 @dataclass(frozen=True, eq=False)
-class Separation:
-    """What the stage found on few pixels, and what tells how the picture is cut on all."""
+class Lines:
+    """What is cut: links, if they are known; else lines of a picture that are steep."""
 
-    trial: Trial  # the surface that was chosen, with its light
-    contours: ContourOutcome
-    # Links that are cut, if they are known; else lines are, of the picture without this ι, (h, w, 3), under
-    # these albedos, (3,), that are steeper than that.
     cuts: BoolArray | None
+    # The picture is the one without this ι, (h, w, 3), under these albedos, (3,).
     indirect_ratio: FloatArray
     albedo: FloatArray
     min_steepness: float | None
-    lamp_ratio: FloatArray | None = None  # ω, (h, w)
-    other_cut: tuple[float | None, float] | None = None  # see `Report`
 
     def cuts_of(self, colours: Sequence[Problem]) -> BoolArray | None:
         """Return the cuts of red, green and blue, on however many pixels."""
@@ -114,6 +108,17 @@ class Separation:
             return resample_cuts(self.cuts, shape)
         picture = merge(colours, resample(self.indirect_ratio, shape), self.albedo)
         return cut_at_contours(picture, self.min_steepness).cuts
+
+
+@dataclass(frozen=True, eq=False)
+class Separation:
+    """What the stage found on few pixels, and what tells how the picture is cut on all."""
+
+    trial: Trial  # the surface that was chosen, with its light
+    contours: ContourOutcome
+    lines: Lines
+    lamp_ratio: FloatArray | None  # ω, (h, w)
+    other_cut: tuple[float | None, float] | None = None  # see `Report`
 
 
 def light_and_contours(
@@ -206,7 +211,7 @@ def separate(
     surface = None
     rounds = constants.UNCUT_ROUNDS if lamps is None else constants.LAMP_ROUNDS
     for number, count in enumerate(rounds, 1):
-        lines_of = (ratio, light.albedo)  # the picture of which lines may be cut
+        direct_picture = (ratio, light.albedo)  # the picture of which lines may be cut
         surface = yield from _solve_direct(problem, light, ratio, surface, number, count)
         problem = _lit_by_lamps(problem, lamps, surface)
         # Where lamps stand aside, the first two surfaces are too wrong to ask colours of.
@@ -254,9 +259,8 @@ def separate(
         )
         ratio, light = estimate_indirect(problem.colours, surface, prior, per_pixel=True)
         trial = Trial(surface, light, ratio, steepness)
-    return Separation(
-        trial, outcome, cuts, *lines_of, steepness, problem.lamp_ratio, other_cut
-    )
+    lines = Lines(cuts, *direct_picture, steepness)
+    return Separation(trial, outcome, lines, problem.lamp_ratio, other_cut)
 
 
 def _lit_by_lamps(problem: Problem, lamps: Lamps | None, surface: Iterate) -> Problem:
@@ -274,7 +278,7 @@ def settle_lamps(
     for number, count in enumerate(rounds, 1):
         options = {} if start is None else {"start": start}
         surface = yield from solve_stage(
-            problem, LAMPS, number, max_iterations=count, **options
+            problem, "lamps", number, max_iterations=count, **options
         )
         problem = divide_by_lamps(problem, lamps.ratio(surface))
         start = surface.log_distance
@@ -322,14 +326,7 @@ def _separate_as_before(
     if steepness == constants.TISSUE_STEEPNESS and not is_same:
         cuts = tissue_cuts(small.colours)
         steepness = None if cuts is None else steepness
-    lines = Separation(
-        trial=Trial(before.iterate),
-        contours=ContourOutcome.NONE_CLEAR,
-        cuts=cuts,
-        indirect_ratio=np.zeros((1, 1, 3)),
-        albedo=prior.albedo,
-        min_steepness=0.8 * (steepness or 0.0),
-    )
+    lines = Lines(cuts, np.zeros((1, 1, 3)), prior.albedo, 0.8 * (steepness or 0.0))
     outcome = ContourOutcome.NONE_CLEAR
     if contours is False:
         outcome = ContourOutcome.NOT_ASKED
@@ -340,8 +337,7 @@ def _separate_as_before(
     surface = before.iterate.resample(small)
     trial = yield from separate_from(small, prior, surface, lamps)
     trial = replace(trial, min_steepness=steepness)
-    lamp_ratio = trial.surface.problem.lamp_ratio
-    return replace(lines, trial=trial, contours=outcome, lamp_ratio=lamp_ratio)
+    return Separation(trial, outcome, lines, trial.surface.problem.lamp_ratio)
 
 
 def problem_as_before(
@@ -390,7 +386,7 @@ def _on_all_pixels(
     ratio = resample(trial.indirect_ratio, full.mask.shape)
     problem = merge(full.colours, ratio, light.albedo, not light.reason)
     if trial.surface.problem.cuts is not None or found.contours is ContourOutcome.BY_LINES:
-        problem = replace(problem, cuts=found.cuts_of(full.colours))
+        problem = replace(problem, cuts=found.lines.cuts_of(full.colours))
     outcome = found.contours
     if problem.cuts is not None and outcome is ContourOutcome.NOT_ASKED:
         outcome = ContourOutcome.GIVEN
