@@ -1,4 +1,4 @@
-"""Work on several threads: large maps by bands of rows or one by one.
+"""Work on several threads: large maps by bands of rows or one by one, and generators at once.
 
 NumPy, OpenCV and compiled loops let others run.
 
@@ -6,12 +6,13 @@ A band's intermediate maps stay in the processor's cache, where those of a whole
 fresh memory and read from it.
 """
 
-from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Generator, Iterable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextvars import copy_context
 from typing import TypeVar
 
-from endolab.numerics.threads import threads
+from endolab.numerics.iteration import finish
+from endolab.numerics.threads import limit_threads, threads
 
 WORTH_THREADS = 300_000  # pixels; with fewer, threads cost more than they bring
 
@@ -47,3 +48,28 @@ def by_rows(function: Callable[[slice], object], shape: tuple[int, ...]) -> None
     step = max(1, 30_000 // columns)
     bands = [slice(i, min(i + step, rows)) for i in range(0, rows, step)]
     side_by_side(function, bands, rows * columns)
+
+
+def run_together(
+    generators: Sequence[Generator[Item, None, Found]],
+) -> list[Generator[Item, None, Found]]:
+    """Run generators at once, a core each; return generators that yield and return what these did."""
+
+    def record(steps: Generator[Item, None, Found]) -> tuple[list[Item], Found]:
+        items: list[Item] = []
+        return items, finish(steps, items.append)
+
+    def replay(
+        doing: Future[tuple[list[Item], Found]],
+    ) -> Generator[Item, None, Found]:
+        items, found = doing.result()
+        yield from items
+        return found
+
+    if threads() == 1 or not generators:
+        return list(generators)
+    pool = ThreadPoolExecutor(len(generators))
+    with limit_threads(1):
+        begun = [pool.submit(copy_context().run, record, steps) for steps in generators]
+    pool.shutdown(wait=False)
+    return [replay(doing) for doing in begun]

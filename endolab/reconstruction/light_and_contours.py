@@ -42,6 +42,7 @@ import numpy as np
 from endolab.frames.frame import ROUNDING
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.resampling import resample, resample_cuts
+from endolab.numerics.side_by_side import run_together
 from endolab.reconstruction import constants
 from endolab.reconstruction.colours import (
     AlbedoPrior,
@@ -157,7 +158,6 @@ def light_and_contours(
         start = None if before is None else before.iterate.start_of(small)
         small = replace(small, colours=())
         small, _ = yield from settle_lamps(small, start, lamps, constants.LAMP_ROUNDS)
-        assert small.lamp_ratio is not None
         full = divide_by_lamps(full, small.lamp_ratio)
 
     # Its surface is cut where contours are found in its picture, before it is solved.
@@ -276,9 +276,8 @@ def settle_lamps(
 ) -> Solving[tuple[Problem, FloatArray]]:
     """Solve, so many steps a round, and divide by ω after each; return the last surface, too."""
     for number, count in enumerate(rounds, 1):
-        options = {} if start is None else {"start": start}
         surface = yield from solve_stage(
-            problem, "lamps", number, max_iterations=count, **options
+            problem, "lamps", number, start=start, max_iterations=count
         )
         problem = divide_by_lamps(problem, lamps.ratio(surface))
         start = surface.log_distance
@@ -381,8 +380,7 @@ def _on_all_pixels(
     """Return the problem of the light that has not bounced, and a start, if there is one."""
     trial = found.trial
     light = trial.light
-    if found.lamp_ratio is not None:
-        full = divide_by_lamps(full, found.lamp_ratio)
+    full = divide_by_lamps(full, found.lamp_ratio)
     ratio = resample(trial.indirect_ratio, full.mask.shape)
     problem = merge(full.colours, ratio, light.albedo, not light.reason)
     if trial.surface.problem.cuts is not None or found.contours is ContourOutcome.BY_LINES:
@@ -399,7 +397,7 @@ def _on_all_pixels(
         channel=SEPARATED,
         light=light.outcome,
         reason=light.reason,
-        wall_albedo=tuple(float(value) for value in light.albedo),
+        wall_albedo=tuple(light.albedo.tolist()),
         albedo_given=prior.is_given,
         indirect_percent=tuple(percent),
         indirect_factor=light.factor,
@@ -470,8 +468,8 @@ def _try_contours(
 ) -> Solving[list[Trial]]:
     """Cut a surface at ever less steep lines; return what is found each time, the uncut surface first.
 
-    Where colours tell which is right, the first two start from the uncut surface, all others from the one
-    before. `number` is the first trial's round.
+    Where colours tell which is right, the first two start from the uncut surface, side by side. All others
+    start from the one before. `number` is the first trial's round.
     """
     picture = uncut.surface.problem
     lines = find_contours(picture.log_d0, picture.mask)
@@ -480,20 +478,22 @@ def _try_contours(
         # Where a trial is chosen by its energy, that must be near its end.
         count = constants.UNCUT_ROUNDS[0] if uncut.is_direct else constants.TRIAL_STEPS
         options["max_iterations"] = count
-    by_colours = uncut.light.outcome is LightOutcome.REMOVED
+
+    def solve(index: int, start: Iterate) -> Solving[Iterate]:
+        problem = replace(picture, cuts=lines > steep[index])
+        how = {"start": start.log_distance, **options}
+        return solve_stage(problem, CONTOURS, number + index, **how)
+
+    steep = [least for least in constants.MIN_STEEPNESS if (lines > least).any()]
     trials = [uncut]
-    for steepness in constants.MIN_STEEPNESS:
-        cuts = lines > steepness
-        if not cuts.any():
-            continue
-        before = uncut if by_colours and len(trials) == 2 else trials[-1]
-        surface = yield from solve_stage(
-            replace(picture, cuts=cuts),
-            CONTOURS,
-            number + len(trials) - 1,
-            start=before.surface.log_distance,
-            **options,
-        )
+    together = []
+    if uncut.light.outcome is LightOutcome.REMOVED:
+        together = run_together([solve(i, uncut.surface) for i in range(len(steep[:2]))])
+    for index, steepness in enumerate(steep):
+        if index < len(together):
+            surface = yield from together[index]
+        else:
+            surface = yield from solve(index, trials[-1].surface)
         trial = replace(uncut, surface=surface, min_steepness=steepness)
         if prior is not None and not uncut.is_direct:
             ratio, light = estimate_indirect(colours, surface, prior)
@@ -599,8 +599,9 @@ def merge(
     weights = np.where(mask, 0.0, 1.0)
     for c, colour in enumerate(colours):
         ratio = indirect_ratio[..., c]
-        shade = np.maximum(colour.image, _noise(colour))
-        variance = (gamma * _noise(colour) / shade) ** 2
+        noise = max(colour.noise, ROUNDING)
+        shade = np.maximum(colour.image, noise)
+        variance = (gamma * noise / shade) ** 2
         variance += (constants.RATIO_DOUBT * ratio / (1 + ratio)) ** 2
         variance += constants.TEXTURE[c] ** 2
         weight = (colour.mask & (kinds[c] == evidence)) / variance
@@ -612,8 +613,3 @@ def merge(
     return replace(
         colours[1], image=image, mask=mask, evidence=evidence if evidence.any() else None
     )
-
-
-def _noise(problem: Problem) -> float:
-    """Return the noise of a channel, that of rounding at least."""
-    return max(problem.noise, ROUNDING)
