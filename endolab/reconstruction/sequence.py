@@ -35,9 +35,9 @@ class State:
 
     # Of which `restore` knows only the surface, its unit, and whether it is cut.
     result: Result
-    light: float  # how bright the picture was, see `_light`
-    least: float  # energy of the last cold start
-    age: int  # frames since
+    brightness: float  # of the picture, see `_brightness`
+    cold_energy: float  # of the last cold start
+    frames_since: int
 
     @classmethod
     def restore(
@@ -65,7 +65,9 @@ class State:
         )
         iterate = Iterate(problem, 0, freeze(np.log(distance, dtype=np.float64)))
         result = Result(iterate, Status.CONVERGED, [], 0.0)
-        return cls(result, _light(frame, calibration.photometry.gamma), row["energy"], 1)
+        return cls(
+            result, _brightness(frame, calibration.photometry.gamma), row["energy"], 1
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,7 +175,7 @@ def _solve_next(
     options: dict[str, Any],
 ) -> tuple[State, bool]:
     """Solve a frame from what the last one handed on, or anew; and say whether the former is the answer."""
-    light = _light(frame, calibration.photometry.gamma)
+    brightness = _brightness(frame, calibration.photometry.gamma)
     warm = None
     if before is not None:
         start = before.result
@@ -181,18 +183,24 @@ def _solve_next(
             # `reconstruct` takes a brighter picture of unknown gain for one of the same surface with more
             # gain, in a unit that is smaller; but the unit is tied to the picture's brightness, so that the
             # surface stays what it was.
-            moved = start.iterate.log_distance - 0.5 * np.log(light / before.light)
+            moved = start.iterate.log_distance - 0.5 * np.log(
+                brightness / before.brightness
+            )
             start = replace(start, iterate=replace(start.iterate, log_distance=moved))
         warm = reconstruct(frame, calibration, start=start, **options)
         is_good = (
-            warm.status.is_done and warm.energy <= 1.3 * before.least and before.age < 25
+            warm.status.is_done
+            and warm.energy <= 1.3 * before.cold_energy
+            and before.frames_since < 25
         )
         if is_good or warm.status is Status.STOPPED:
-            return State(warm, light, before.least, before.age + 1), True
+            return State(
+                warm, brightness, before.cold_energy, before.frames_since + 1
+            ), True
     cold = reconstruct(frame, calibration, **options)
     if warm is not None and warm.energy < cold.energy:
-        return State(warm, light, cold.energy, 1), True
-    return State(cold, light, cold.energy, 1), False
+        return State(warm, brightness, cold.energy, 1), True
+    return State(cold, brightness, cold.energy, 1), False
 
 
 def as_frame(name: str, picture: Picture) -> Frame:
@@ -204,7 +212,7 @@ def as_frame(name: str, picture: Picture) -> Frame:
     return Frame(picture, np.ones(np.shape(picture)[:2], dtype=bool), name)
 
 
-def _light(frame: Frame, gamma: float) -> float:
+def _brightness(frame: Frame, gamma: float) -> float:
     """Brightness of a picture: the median of its lit pixels, as light."""
     image = frame.image[frame.mask]
     lit = image[image > 0]
