@@ -4,8 +4,6 @@ import re
 from importlib.util import find_spec
 from pathlib import Path
 
-LEAST_OPENCV = 5  # major version
-
 
 class MissingPackage(ImportError):
     """A package of an extra is not installed."""
@@ -39,8 +37,8 @@ def check_opencv() -> None:
     if not stated.is_file():
         return
     version = re.search(r"(\d+)[\d.]+", stated.read_text(encoding="utf-8"))
-    if version is not None and int(version[1]) < LEAST_OPENCV:
+    if version is not None and int(version[1]) < 5:
         packages = "opencv-python opencv-contrib-python opencv-python-headless"
         remedy = f"pip uninstall {packages}, then install endolab"
         where = f"{version[0]} in {stated.parent}"
-        raise ImportError(f"endolab needs OpenCV {LEAST_OPENCV}, found {where}: {remedy}")
+        raise ImportError(f"endolab needs OpenCV 5, found {where}: {remedy}")

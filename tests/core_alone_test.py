@@ -12,7 +12,6 @@ import pytest
 import endolab as el
 from endolab._extras import MissingPackage, lacking
 from endolab.cli import main as cli
-from endolab.metrics.mesh_distance import load_open3d
 
 ROOT = Path(__file__).resolve().parent.parent
 LAB = ["anywidget", "IPython", "ipywidgets", "jinja2", "jupyterlab", "open3d", "rerun"]
@@ -125,7 +124,7 @@ def without_lab(monkeypatch):
         (lambda: el.read_recording("run.rrd"), "rerun"),
         (lambda: import_module("endolab.workbench.recording"), "rerun"),
         (lambda: el.tune, "ipywidgets"),
-        (load_open3d, "open3d"),
+        (lambda: el.metrics.to_open3d(None), "open3d"),
     ],
 )
 def test_what_is_missing_is_said_in_a_sentence(without_lab, use, package):

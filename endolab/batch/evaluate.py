@@ -12,7 +12,7 @@ import numpy as np
 
 from endolab.frames.frame import check_size
 from endolab.io.atomic import PathLike
-from endolab.io.datasets.folders import depth_layout, true_z
+from endolab.io.datasets.published import depth_layout
 from endolab.io.depth_maps import SUFFIXES, TEXTS, DepthMap, read_depth_map
 from endolab.io.images import read_mask
 from endolab.metrics.coverage import Coverage, coverage_of
@@ -26,9 +26,6 @@ from endolab.metrics.depth_errors import (
 from endolab.model.cameras import Camera
 from endolab.numerics.checks import PATH, mask_array, number
 
-# Share of the pixels, and times the next, from which on one number is no depth.
-LARGEST = 0.01, 1.2
-MEDIANS = 2.0, 1000.0  # mm, between which an endoscope sees
 log = logging.getLogger("endolab")
 
 
@@ -119,9 +116,9 @@ def evaluate(
         true = read_depth_map(truth, truth_kind, truth_unit)
         _leave_out_largest(true, true_name)
     else:
-        true = DepthMap(true_z(true_name), "z", True)
-        _say_unit(Path(true_name).parent, layout.upper())
-        true_name += f", by its name in the unit of {layout.upper()}"
+        true = DepthMap(layout.read_depth(true_name)[0], "z", True)
+        _warn_of_unit(Path(true_name).parent, layout.name.upper())
+        true_name += f", by its name in the unit of {layout.name.upper()}"
     _check_unit(true, true_name, "--truth-unit")
     if depth.metric and depth.cos_alpha is None:
         _check_unit(depth, name, "--unit")
@@ -189,8 +186,7 @@ def _leave_out_largest(true: DepthMap, name: str) -> None:
     """Make unknown the one largest number, if many pixels have it and it lies far beyond the next."""
     two = np.unique(true.values[np.isfinite(true.values)])[-2:]
     is_most = true.values == two[-1:].max(initial=0)
-    share, times = LARGEST
-    if len(two) == 2 and is_most.mean() >= share and two[1] >= times * two[0]:
+    if len(two) == 2 and is_most.mean() >= 0.01 and two[1] >= 1.2 * two[0]:
         true.values[is_most] = np.nan
         message = (
             "%s: %.3g %% of it has one number, far beyond all others, and counts as unknown"
@@ -199,17 +195,16 @@ def _leave_out_largest(true: DepthMap, name: str) -> None:
 
 
 @lru_cache(maxsize=1)  # once for a folder
-def _say_unit(folder: Path, data_set: str) -> None:
+def _warn_of_unit(folder: Path, data_set: str) -> None:
     message = "%s: the truth is, by its name, in the unit of %s; --truth-unit says another"
     log.warning(message, folder, data_set)
 
 
 def _check_unit(depth: DepthMap, name: str, option: str) -> None:
-    values = depth.values[np.isfinite(depth.values)]
-    least, most = MEDIANS
-    if values.size and not least <= np.median(values) <= most:
+    median = np.nanmedian(depth.values) if np.isfinite(depth.values).any() else 2
+    if not 2 <= median <= 1000:
         raise ValueError(
-            f"{name}: its median is {np.median(values):.3g} mm, and endoscopes see {least:g} to {most:g}: "
+            f"{name}: its median is {median:.3g} mm, and endoscopes see 2 to 1000: "
             f"{option} is the mm that 1 stands for"
         )
 

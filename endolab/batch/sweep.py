@@ -31,7 +31,6 @@ from endolab.reconstruction.settings import Settings
 from endolab.solvers.result import Result
 from endolab.solvers.solvers import DEFAULT_SOLVER
 
-ENERGY = ("solver", "xi", "regulariser", "lam")
 ERRORS = ("mean_mm", "median_mm", "mean_percent", "median_percent", "mean_degrees")
 SWEEP_COLUMNS = (
     "frame",
@@ -127,7 +126,8 @@ def sweep(
         list_of("words", "regulariser", regulariser),
         list_of("numbers", "lam", lam),
     ):
-        setting = dict(zip(ENERGY, (solver, *energy), strict=True))
+        setting = dict(zip(("xi", "regulariser", "lam"), energy, strict=True))
+        setting["solver"] = solver
         Settings.of(setting | options)  # refused now, rather than in a row
         calls.append((frame, true, calibration, setting, options))
     read = [one for one in (*frames, *truths) if isinstance(one, str | os.PathLike)]
@@ -150,8 +150,8 @@ def sweep(
     )
     with answers as recorder:
         several = len({(call[3]["xi"], call[3]["regulariser"]) for call in calls}) > 1
-        along = None if recorder is None else _Along(recorder, anew, several)
-        for row in parallel(solve(*call, along) for call in calls):
+        recorded = None if recorder is None else _RecordedSweep(recorder, anew, several)
+        for row in parallel(solve(*call, recorded) for call in calls):
             if row["status"] == Status.STOPPED.name:
                 raise KeyboardInterrupt  # the user's, which ends more than this row
             rows.append(row)
@@ -185,7 +185,7 @@ def _end_with(parent: int) -> None:
 
 
 @dataclass(eq=False)
-class _Along:
+class _RecordedSweep:
     """Solves the rows of a recording one after the other."""
 
     recorder: Any
@@ -216,7 +216,7 @@ def _solve_row(
     calibration: Calibration,
     setting: Row,
     options: dict[str, Any],
-    along: _Along | None,
+    recorded: _RecordedSweep | None,
 ) -> Row:
     """Make one row; runs in a worker."""
     row: Row = dict.fromkeys(SWEEP_COLUMNS, math.nan)
@@ -226,10 +226,10 @@ def _solve_row(
     started = time.perf_counter()
     try:
         picture = frame if isinstance(frame, Frame) else read_frame(frame, calibration)
-        before = along.found if along else None
-        solve = along.solve if along else reconstruct
+        before = recorded.found if recorded else None
+        solve = recorded.solve if recorded else reconstruct
         result = solve(picture, calibration, **setting, **options)
-        row["found"] = "held" if along and along.found is before else "anew"
+        row["found"] = "held" if recorded and recorded.found is before else "anew"
         row |= measure_result(result) | {"seconds": time.perf_counter() - started}
         if truth is not None:
             distance, normals = _read_truth(truth)

@@ -34,8 +34,8 @@ from endolab.numerics.checks import check_int
 from endolab.numerics.iteration import Status
 from endolab.reconstruction.light_and_contours import min_steepness_of
 from endolab.reconstruction.sequence import (
-    Carried,
     Picture,
+    State,
     Step,
     as_frame,
     reconstruct_sequence,
@@ -55,8 +55,6 @@ FRAME_COLUMNS = (
     "pixels",
     "error",
 )
-VIDEO_FILES = ("endoscope.json", "frames", "frames.csv", "report.json", "recording.rrd")
-TEXTS = ("frame", "status", "unit", "error")
 
 
 @dataclass(frozen=True)
@@ -136,18 +134,18 @@ def reconstruct_video(
         folder.read_done()
     before = list(itertools.takewhile(folder.is_done, wanted))
     done = len(before)
-    carried = None
+    state = None
     good = [name for name in before if not folder.rows[name]["error"]]
     if good and done < len(wanted):
         (seen,) = _read(frames, good[-1:], inside)
-        carried = Carried.take_up(
+        state = State.restore(
             folder.maps(good[-1])["distance"],
             folder.rows[good[-1]],
             as_frame(*seen),
             calibration,
         )
     pictures = _read(frames, wanted[done:], inside)
-    steps = reconstruct_sequence(pictures, calibration, before=carried, **options)
+    steps = reconstruct_sequence(pictures, calibration, before=state, **options)
     try:
         for step in steps:
             if step.result is not None and step.result.status is Status.STOPPED:
@@ -165,7 +163,8 @@ def reconstruct_video(
         raise ValueError(f"no frame could be reconstructed; the first: {rows[0]['error']}")
     write_calibration(calibration, folder.path / "endoscope.json")
     folder.write()
-    *_, recording = paths = [folder.path / name for name in VIDEO_FILES]
+    names = ("endoscope.json", "frames", "frames.csv", "report.json", "recording.rrd")
+    *_, recording = paths = [folder.path / name for name in names]
     if not lacking("rerun") and (len(before) < len(wanted) or not recording.exists()):
         from endolab.workbench.recording.recorder import record_sequence
 
@@ -217,9 +216,10 @@ class _Folder:
                 raise ValueError("other settings")
             self.seen = report["field"]
             lines = read_bytes(table).decode(errors="surrogateescape").splitlines()
+            texts = ("frame", "status", "unit", "error")
             for line in csv.DictReader(lines):
                 row = {
-                    name: line[name] if name in TEXTS else json.loads(line[name] or "NaN")
+                    name: line[name] if name in texts else json.loads(line[name] or "NaN")
                     for name in FRAME_COLUMNS
                 }
                 self.rows[row["frame"]] = row

@@ -191,8 +191,6 @@ def calibrate_light(
                 albedo=albedo,
                 progress=lambda done, _: show(done, len(spread)),
             )
-        if estimate.status is el.Status.STOPPED:
-            raise KeyboardInterrupt
         found = el.Calibration(lens, estimate.photometry, estimate.evidence)
         el.write_calibration(found, temporary)
     for reason in estimate.refused.values():

@@ -6,18 +6,6 @@ from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-COLUMNS = {
-    "mean_percent": "AbsRel %",
-    "median_percent": "median %",
-    "rmse_mm": "RMSE mm",
-    "rmse_z_mm": "RMSE z mm",
-    "within_125": "δ<1.25 %",
-    "within_125_squared": "δ<1.25² %",
-    "within_125_cubed": "δ<1.25³ %",
-    "mean_degrees": "normals °",
-    "scale": "scale",
-}
-
 
 def evaluate(
     depth: str,
@@ -94,12 +82,23 @@ def evaluate(
         content = {"frames": frames, "without_partner": alone} if is_folder else frames[0]
         print(json.dumps(content, indent=2))
         return
-    rows = {one.name: [getattr(one.errors, name) for name in COLUMNS] for one in found}
+    columns = {
+        "mean_percent": "AbsRel %",
+        "median_percent": "median %",
+        "rmse_mm": "RMSE mm",
+        "rmse_z_mm": "RMSE z mm",
+        "within_125": "δ<1.25 %",
+        "within_125_squared": "δ<1.25² %",
+        "within_125_cubed": "δ<1.25³ %",
+        "mean_degrees": "normals °",
+        "scale": "scale",
+    }
+    rows = {one.name: [getattr(one.errors, name) for name in columns] for one in found}
     if is_folder:
         values = [*rows.values()]
         rows |= {"mean": np.mean(values, axis=0), "median": np.median(values, axis=0)}
     wide = max(map(len, rows))
-    print(" " * wide + "".join(f"{title:>11}" for title in COLUMNS.values()))
+    print(" " * wide + "".join(f"{title:>11}" for title in columns.values()))
     for label, row in rows.items():
         print(f"{label:<{wide}}" + "".join(f"{value:>11.4g}" for value in row))
     for one in found:

@@ -9,13 +9,6 @@ from pathlib import Path
 from endolab._extras import need
 from endolab.cli.solving import Port, free_port, tunnel
 
-# Of endolab's checkout, where there is one.
-OWN_NOTEBOOKS = Path(__file__).resolve().parents[2] / "notebooks"
-# Open3D brings a Dash extension, for which JupyterLab would ask, over the whole page, to be built again.
-PAGE = '{"buildCheck": false, "buildAvailable": false}'
-NEWS = """{"@jupyterlab/apputils-extension:notification":
-{"fetchNews": "false", "checkForUpdates": false, "doNotDisturbMode": true}}"""
-
 
 def set_up(prefix: str) -> None:
     """Write what keeps JupyterLab quiet, and a kernel named endolab, into a prefix, as ``.venv``."""
@@ -23,8 +16,12 @@ def set_up(prefix: str) -> None:
 
     config = Path(prefix, "etc/jupyter/labconfig")
     config.mkdir(parents=True, exist_ok=True)
-    (config / "page_config.json").write_text(PAGE)
-    (config / "default_setting_overrides.json").write_text(NEWS)
+    # Open3D brings a Dash extension, for which JupyterLab would ask, over the whole page, to be built again.
+    page = '{"buildCheck": false, "buildAvailable": false}'
+    (config / "page_config.json").write_text(page)
+    news = """{"@jupyterlab/apputils-extension:notification":
+{"fetchNews": "false", "checkForUpdates": false, "doNotDisturbMode": true}}"""
+    (config / "default_setting_overrides.json").write_text(news)
     kernel = Path(prefix, "share/jupyter/kernels/endolab")
     shutil.rmtree(kernel, ignore_errors=True)
     # Without frozen modules, for else the debugger warns in the first cell.
@@ -48,7 +45,8 @@ def lab(*jupyter: str, notebooks: str | None = None, port: Port = 8888) -> None:
         Where to listen, or on the next that is free.
     """
     need("jupyterlab")
-    folder = OWN_NOTEBOOKS if notebooks is None else Path(notebooks).resolve()
+    own = Path(__file__).parents[2] / "notebooks"  # of a checkout, where there is one
+    folder = Path(notebooks or own).resolve()
     if not folder.is_dir():
         raise FileNotFoundError(
             f"{folder}: there are no notebooks; name some by --notebooks"

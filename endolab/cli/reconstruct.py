@@ -30,8 +30,6 @@ OPTIONS = option_types() | {
     "known_distance": Distance,
     "known_diameter": Diameter,
 }
-ANEW = "light and contours are found anew"
-SWEPT = OPTIONS | dict.fromkeys(("lam", "xi", "regulariser"), Several)
 
 
 @partial(takes_settings, types=OPTIONS)
@@ -115,7 +113,8 @@ def reconstruct(
     known, keywords = load(endoscope, options, light, threads, kept)
     if is_video:
         if kept is not None and kept.found:
-            print(f"{ANEW}, in each frame: those of {settings} are of one picture")
+            text = "light and contours are found anew, in each frame: those of"
+            print(f"{text} {settings} are of one picture")
         from endolab.batch.video import reconstruct_video
 
         with announce_compiling(), show_progress("frame") as follow_video:
@@ -153,7 +152,8 @@ def reconstruct(
         other = found.differences(picture, known, Settings.of(keywords))
         if other:
             solve = partial(el.reconstruct, picture)
-            print(f"{ANEW}: not of {settings} is {', '.join(other)}")
+            text = "light and contours are found anew: not of"
+            print(f"{text} {settings} is {', '.join(other)}")
     if keywords.get("solver") == "fast_marching":
         keywords["snapshots"] = 12
     unrecorded = lacking("rerun")
@@ -200,7 +200,10 @@ def reconstruct(
         )
 
 
-@partial(takes_settings, types=SWEPT)
+@partial(
+    takes_settings,
+    types=OPTIONS | dict.fromkeys(("lam", "xi", "regulariser"), Several),
+)
 def sweep(
     frames: tuple[str, ...],
     /,

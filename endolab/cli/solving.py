@@ -178,7 +178,7 @@ def _sample(sources: Sequence[str]) -> Iterator[Frame]:
                 if picture is None
                 else as_frame(name, picture)
             )
-            shown = frame.pixels_to_use()
+            shown = frame.selection.pixels
             usable_pixels(frame.channel()[1], shown, np.ones(shown.shape), name)
         except (OSError, ValueError, MemoryError) as error:
             refused.append(error)

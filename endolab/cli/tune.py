@@ -122,7 +122,7 @@ def find_pictures(source: str | Path) -> list[Path]:
 
     OSError or ValueError in one sentence, if there is none.
     """
-    from endolab.io.datasets.folders import depth_layout
+    from endolab.io.datasets.published import depth_layout
     from endolab.io.video import open_frames
 
     frames = open_frames(source)
@@ -136,7 +136,7 @@ def read_truth(path: str | Path, calibration: Calibration) -> FloatArray:
     """Read the true distance, (H, W), mm, of a frame of this size: truth.npz, or a data set's depth map."""
     import numpy as np
 
-    from endolab.io.datasets.folders import true_z
+    from endolab.io.datasets.published import true_z
     from endolab.io.surfaces import read_depth
 
     is_z = not str(path).endswith(".npz")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -17,15 +18,20 @@ from endolab.numerics.checks import mask_array, readonly_copy, real_array, unkno
 from endolab.numerics.side_by_side import by_rows
 
 # Stored values, as shares of their maximum.
-DARK = 4 / 255  # below this rounding and noise say more than the surface does
 SATURATED = 254.5 / 255  # from here on
 ROUNDING = 0.3 / 255  # noise: that of rounding to 8 bits
-# Colours that differ by less are a codec's, and a white balance's that is off by 2 % to either side.
-CODEC = 3 / 255
-TINT = 0.04
-
 # cos α; beyond 80°, cos^k α is so small that noise divided by it looks near.
 LEAST_COSINE = float(np.cos(np.deg2rad(80.0)))
+
+
+class Selection(NamedTuple):
+    """What of a frame is to be used."""
+
+    pixels: BoolArray  # (H, W), read-only
+    # Share of a mask that is left out, as it surely lies beyond what the endoscope shows.
+    misplaced: float = 0.0
+    shown_share: float = 1.0  # of what the endoscope shows, that a mask keeps
+    box_share: float = 0.0  # of the picture, that is left out as boxes of one colour
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,43 +121,25 @@ class Frame:
         """Rows, px."""
         return self.image.shape[0]
 
-    def pixels_to_use(self) -> BoolArray:
-        """Pixels to use, (H, W): the mask, without a surround that it keeps. Read-only.
-
-        Where the mask leaves nothing out, boxes of one colour are left out as well.
-        """
-        return self._pixels_used[0]
-
-    @property
-    def box_share(self) -> float:
-        """Share of the picture that is left out as boxes of one colour."""
-        return self._pixels_used[1]
-
-    @property
-    def shown_share(self) -> float:
-        """Share of what the endoscope shows that a mask keeps."""
-        return self._pixels_used[2]
-
-    @property
-    def misplaced(self) -> float:
-        """Share of a mask that is left out, as it surely lies beyond what the endoscope shows."""
-        if self.mask.all():
-            return 0.0
-        return 1 - float(self.pixels_to_use().sum() / self.mask.sum())
-
     @cached_property
-    def _pixels_used(self) -> tuple[BoolArray, float, float]:
+    def selection(self) -> Selection:
+        """Pixels to use, and what was left out to get them.
+
+        A surround that the mask keeps is none of them; where the mask leaves nothing out, boxes of one colour
+        are left out as well.
+        """
         if self.mask.all():
             shown = field_of_view(self.image)
             boxes = shown & flat_boxes(self.image, shown)
-            return freeze(shown & ~boxes), float(boxes.mean()), 1.0
+            return Selection(freeze(shown & ~boxes), box_share=float(boxes.mean()))
         field = field_of_view(self.image, SURE)
         # A mask that follows the field's very edge, which is soft, is none that is misplaced.
         around = dilate(field, 0.03 * min(field.shape))
         beyond = (self.mask & ~around).sum() / self.mask.sum()
         seen = self.mask & field
         used = freeze(seen) if beyond > 0.05 and seen.any() else self.mask
-        return used, 0.0, float(seen.sum() / field.sum())
+        misplaced = 1 - float(used.sum() / self.mask.sum())
+        return Selection(used, misplaced, float(seen.sum() / field.sum()))
 
     def channel(self, name: str | None = None) -> tuple[str, FloatArray]:
         """One channel of the picture, and its name: "red", "green", "blue" or "grey".
@@ -226,9 +214,10 @@ def _is_grey(image: FloatArray, mask: BoolArray) -> bool:
     means, whole = (cv2.resize(a, size, interpolation=cv2.INTER_AREA) for a in few)
     colours = means[whole > 0.999]
     most = colours.max(axis=-1, initial=0.0)
-    apart = most - colours.min(axis=-1, initial=1.0) - TINT * most
+    # Colours that differ by less are a white balance's, off by 2 % to either side, and a codec's.
+    apart = most - colours.min(axis=-1, initial=1.0) - 0.04 * most
     lit = most > 0.99 * most.mean() if most.size else most > 0
-    return bool(lit.any() and np.median(apart[lit]) < CODEC)
+    return bool(lit.any() and np.median(apart[lit]) < 3 / 255)
 
 
 def check_size(
@@ -254,7 +243,8 @@ def usable_pixels(
         raise ValueError(
             f"{name}: the mask and the camera's field of view have no pixel in common"
         )
-    usable = field & (image > DARK)
+    # Below this rounding and noise say more than the surface does.
+    usable = field & (image > 4 / 255)
     if not usable.any():
         raise ValueError(
             f"{name}: the picture is all dark, its brightest pixel is {image[field].max() * 255:.2g} of 255; "

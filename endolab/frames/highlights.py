@@ -18,10 +18,6 @@ from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.noise import noise_level
 from endolab.numerics.stencils import links
 
-STEEPEST = (
-    0.7  # change of log light over twice a highlight's width that still counts as a slope
-)
-
 
 def extend(image: FloatArray, mask: BoolArray) -> FloatArray:
     """Give every pixel outside the mask, which must not be empty, the value of the nearest one inside."""
@@ -68,8 +64,11 @@ def _white_part(
     return part, part * np.sqrt(squared)
 
 
-def _extrapolate(tissue: np.ndarray, step: int) -> FloatArray:
-    """Brightest value to which the tissue's slopes lead from eight sides."""
+def _extrapolate(tissue: np.ndarray, step: int, steepest: float = 0.7) -> FloatArray:
+    """Brightest value to which the tissue's slopes lead from eight sides.
+
+    A change of log light over twice a highlight's width that is more than `steepest` is no slope.
+    """
     log_tissue = np.log(np.maximum(tissue, 1e-4))
     brightest = log_tissue
     rows, columns = log_tissue.shape
@@ -80,7 +79,7 @@ def _extrapolate(tissue: np.ndarray, step: int) -> FloatArray:
         near, far = np.rint(np.outer((step, edge), direction)).astype(int) + edge
         ahead = padded[near[0] :, near[1] :][:rows, :columns]
         beyond = padded[far[0] :, far[1] :][:rows, :columns]
-        slope = np.clip(ahead - beyond, -STEEPEST, STEEPEST)
+        slope = np.clip(ahead - beyond, -steepest, steepest)
         brightest = np.maximum(brightest, ahead + slope)
     return np.exp(brightest)
 

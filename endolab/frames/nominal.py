@@ -50,7 +50,7 @@ def nominal_calibration(frame: Frame, fov: float = 140.0) -> Calibration:
     1.0
     """
     number("fov", fov, 10, 230)
-    shown = cv2.findNonZero(frame.pixels_to_use().astype(np.uint8))
+    shown = cv2.findNonZero(frame.selection.pixels.astype(np.uint8))
     (cx, cy), radius = cv2.minEnclosingCircle(cv2.convexHull(shown))
     f = (radius + 0.5) / np.deg2rad(fov / 2)
     camera = KannalaBrandt(frame.width, frame.height, f, f, cx, cy, (0, 0, 0, 0))

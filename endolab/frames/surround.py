@@ -32,9 +32,6 @@ SIDE = 480  # px of the longer side of what is looked at
 RISE = 10  # px of that, within which an edge rises
 SURE = 0.8  # share of an outline at an edge, from which on no other is sought
 UNSURE = 0.52  # share from which on an outline may be the field's
-SMALL = 0.1  # of the picture; a smaller field, or one beside the middle, must be sure
-LEAST = 0.03  # of the picture, of the smallest field
-TWIN = 0.2  # of the field's size, from which on what stands apart is another field
 
 
 class Field(NamedTuple):
@@ -89,7 +86,8 @@ def surround_doubts(image: FloatArray, mask: BoolArray) -> tuple[bool, bool]:
     outside = (~field.inside).astype(np.uint8)
     kept = cv2.resize(outside, mask.shape[::-1], interpolation=cv2.INTER_NEAREST)[mask]
     is_unclear = bool(kept.sum() > 0.02 * kept.size)
-    return is_unclear, field.share > SURE and field.apart > TWIN
+    # What stands apart is another field from a fifth of this one's size on.
+    return is_unclear, field.share > SURE and field.apart > 0.2
 
 
 def _find_field(image: FloatArray) -> Field | None:
@@ -126,7 +124,7 @@ def _find_outlines(contrast: SingleArray) -> Iterator[Field]:
         body = cv2.morphologyEx(differs, cv2.MORPH_OPEN, stub)
         _, labels, facts, _ = cv2.connectedComponentsWithStats(body)
         sizes = facts[1:, cv2.CC_STAT_AREA]
-        if sizes.max(initial=0) < LEAST * body.size:
+        if sizes.max(initial=0) < 0.03 * body.size:  # of the smallest field
             continue
         chosen = labels[high // 2, wide // 2] or 1 + sizes.argmax()
         apart = max(np.delete(sizes, chosen - 1), default=0) / sizes[chosen - 1]
@@ -142,7 +140,8 @@ def _find_outlines(contrast: SingleArray) -> Iterator[Field]:
                 for each in outlines
                 if len(_contours(each.astype(np.uint8))) == 1
             ]
-            is_usual = region[high // 2, wide // 2] and region.mean() >= SMALL
+            # A smaller field, or one beside the middle, must be sure.
+            is_usual = region[high // 2, wide // 2] and region.mean() >= 0.1
             is_all = region.sum() == body.sum()
             for field in found:
                 if len(field.edge) > 10 * RISE and (

@@ -15,12 +15,8 @@ from endolab.io.surfaces import read_arrays, read_depth
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import shorten, unknown_name
 
-KINDS = ("z", "distance", "disparity")
 SUFFIXES = (".npz", ".npy", ".png", ".tif", ".tiff", ".exr", ".pfm", ".bin")  # in folders
 TEXTS = (".csv", ".txt")
-# Names of an array in an .npz, the best first; "depth_map" counts as "depth".
-ARRAYS = ("distance", "z", "depth", "pred", "prediction", "arr_0", "data")
-INVERSE = ("disp", "inv")  # how the name of a disparity begins
 WHAT = (
     "a depth map (.npz, .npy, .png of 8 or 16 bits, .tif of 8 or 16 bits or of floats of 32, .pfm, COLMAP's "
     ".bin, rows of numbers as .csv or .txt)"
@@ -69,9 +65,10 @@ def read_depth_map(
     OSError, ValueError
         In one sentence, if it cannot be read, or holds something else.
     """
-    if kind not in (None, *KINDS):
-        raise unknown_name("kind", kind, KINDS)
-    held = "z"
+    kinds = ("z", "distance", "disparity")
+    if kind not in (None, *kinds):
+        raise unknown_name("kind", kind, kinds)
+    stored_kind = "z"
     if isinstance(source, np.ndarray):
         stored = source
         source = "the array"
@@ -86,7 +83,7 @@ def read_depth_map(
             metric = bool(maps.get("metric", True))
             cosine = maps["z"] / distance
             return DepthMap(distance, "distance", metric, False, cosine, **more)
-        name, held = _choose_array(source, names)
+        name, stored_kind = _choose_array(source, names)
         stored = read_arrays(source, WHAT, [name])[name]
     else:
         stored = _read_numbers(Path(source))
@@ -105,12 +102,12 @@ def read_depth_map(
         )
         values = -values
     values[~(np.isfinite(values) & (values > 0))] = np.nan
-    is_inverse = (kind or held) == "disparity"
+    is_inverse = (kind or stored_kind) == "disparity"
     if is_inverse:
         values = 1 / values
     values *= 1.0 if unit is None else unit
     return DepthMap(
-        values, "z" if is_inverse else kind or held, unit is not None, is_inverse
+        values, "z" if is_inverse else kind or stored_kind, unit is not None, is_inverse
     )
 
 
@@ -141,11 +138,14 @@ def _read_numbers(source: Path) -> np.ndarray:
 def _choose_array(source: PathLike, names: list[str]) -> tuple[str, str]:
     """Choose the array of an .npz that is the depth map; return its name and what it holds."""
     plain = {name.lower().removesuffix("map").rstrip("_"): name for name in names}
-    for known in ARRAYS:
+    # The best first; "depth_map" counts as "depth".
+    for known in ("distance", "z", "depth", "pred", "prediction", "arr_0", "data"):
         if known in plain:
             return plain[known], "distance" if known == "distance" else "z"
     if len(names) == 1:
-        return names[0], "disparity" if names[0].lower().startswith(INVERSE) else "z"
+        return names[0], "disparity" if names[0].lower().startswith(
+            ("disp", "inv")
+        ) else "z"
     found = shorten(", ".join(names))
     raise ValueError(
         f"{source}: expected an array called depth, z or distance, found {found}"

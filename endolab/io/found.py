@@ -17,7 +17,6 @@ from endolab.numerics.checked_types import from_content
 from endolab.numerics.checks import PATH, check_kinds
 from endolab.reconstruction.found import Found
 from endolab.reconstruction.settings import Settings
-from endolab.solvers.descent import DESCENT
 from endolab.solvers.problem import Problem
 from endolab.solvers.provenance import Report
 
@@ -89,5 +88,5 @@ def load_found(path: PathLike) -> Found:
             settings=from_content(Settings, settings, FOUND_FILE),
             believed=believed,
             start=start,
-            halvings=DESCENT.like_halvings if is_new else DESCENT.start_halvings,
+            halvings=1 if is_new else 2,
         )

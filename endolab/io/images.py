@@ -60,18 +60,8 @@ HEADS = {
 }
 REFUSED = ("raw", "HEIC", "JPEG XL")
 FORMATS = [kind for kind in HEADS if kind not in (*REFUSED, "", "DICOM")] + ["TGA"]
-# Of what begins otherwise, or is damaged; these are pictures all the same.
-SUFFIXES = (
-    r"\.(png|jpe?g|tiff?|bmp|webp|gif|tga|dcm|jp2|j2k|p[bgnp]m|avif|"
-    r"hdr|exr|pfm)"  # which are refused as pictures
-)
 KINDS = "PNG, JPEG, JPEG 2000, TIFF, BMP, WebP, AVIF, GIF, PNM, TGA or DICOM"
 PICTURE = f"a whole picture ({KINDS} of 8 or 16 bits, no floats or HDR, at most 178 million pixels)"
-CURVES = {16: "PQ", 18: "HLG"}  # of ITU-T H.273, no powers of the light
-LINEAR = 8
-# How a curve of an ICC profile begins that is a straight line.
-STRAIGHT = rb"curv\0{4}(\0{4}|\0{3}\x01\x01\0|\0{3}\x02\0\0\xff\xff)|para\0{9}\x01\0\0"
-ORIENTATION = 274  # tag of Exif and TIFF: how a picture is to be turned
 OPAQUE = 0.995  # of the largest alpha; with less, a pixel is mixed with what lies beneath
 log = logging.getLogger("endolab")
 
@@ -119,7 +109,9 @@ def kind_of(path: PathLike) -> str:
         with suppress(OSError), file.open("rb") as stream:
             head = stream.read(2**16)
     found = (kind for kind, begin in HEADS.items() if re.match(begin, head, re.DOTALL))
-    is_named = re.fullmatch(SUFFIXES, file.suffix, re.IGNORECASE) and not file.is_dir()
+    # Of what begins otherwise, or is damaged; these are pictures all the same, or refused as such.
+    suffixes = r"\.(png|jpe?g|tiff?|bmp|webp|gif|tga|dcm|jp2|j2k|p[bgnp]m|avif|hdr|exr|pfm)"
+    is_named = re.fullmatch(suffixes, file.suffix, re.IGNORECASE) and not file.is_dir()
     return next(found, file.suffix if is_named else "")
 
 
@@ -134,7 +126,7 @@ def read_stored(
     there is no such file, or it is no picture or a damaged one; MemoryError, before it is decoded, if it is
     too large.
     """
-    from PIL import Image
+    from PIL import ExifTags, Image
 
     content = read_bytes(path)
     kind = kind_of(path)
@@ -157,8 +149,8 @@ def read_stored(
         is_deep = most > 255  # of which Pillow makes 8 bits
         # Of a PNG, Pillow would decode all of it to look for what is not at hand.
         exif = picture.getexif() if is_tiff or "exif" in picture.info else {}
-        is_turned = exif.get(ORIENTATION, 1) != 1
-        exif[ORIENTATION] = 1  # else Pillow turns a TIFF
+        is_turned = exif.get(ExifTags.Base.Orientation, 1) != 1
+        exif[ExifTags.Base.Orientation] = 1  # else Pillow turns a TIFF
         if is_deep:
             if picture.format != "PNG":
                 picture.load()
@@ -179,14 +171,14 @@ def read_stored(
             raise ValueError
     if pages > 1 and picture.format != "MPO":  # a telephone's, with a preview
         log.warning("%s holds %d pictures: the first is taken", path, pages)
-    say_curve(path, content)
+    warn_of_curve(path, content)
     is_linear = _states_linear(picture, content)
     if is_turned:
         if is_deep and is_tiff:  # which OpenCV turns
             raise ValueError(
                 f"{path}: a TIFF of 16 bits that is marked as turned is not read"
             )
-        say_turned(path)
+        warn_of_turn(path)
     if stored.shape[2:] not in ((2,), (4,)):
         return stored, np.ones(stored.shape[:2]), is_linear
     alpha = stored[..., -1] / max(stored[..., -1].max(), 1)  # opaque may be 65280 of 65535
@@ -217,13 +209,14 @@ def _states_linear(picture: ImageFile, content: bytes) -> bool:
     profile = picture.info.get("icc_profile")
     if code or not profile:
         is_unit = picture.info.get("gamma") == 1 and "srgb" not in picture.info
-        return code == LINEAR or (code == 0 and is_unit)
+        return code == 8 or (code == 0 and is_unit)
     place = profile.find(b"TRC", 128) + 3  # behind it, where the curve begins
     start = int.from_bytes(profile[place : place + 4])
-    return place > 2 and re.match(STRAIGHT, profile[start:]) is not None
+    straight = rb"curv\0{4}(\0{4}|\0{3}\x01\x01\0|\0{3}\x02\0\0\xff\xff)|para\0{9}\x01\0\0"
+    return place > 2 and re.match(straight, profile[start:]) is not None
 
 
-def say_turned(name: PathLike) -> None:
+def warn_of_turn(name: PathLike) -> None:
     """Say that a picture, or a video, is not turned as it is marked to be."""
     message = "%s is marked to be shown turned; it is read as the sensor saw it, as its calibration is"
     log.warning(message, name)
@@ -238,12 +231,12 @@ def curve_of(content: bytes | mmap) -> int:
     return 0
 
 
-def say_curve(name: PathLike, content: bytes | mmap) -> None:
+def warn_of_curve(name: PathLike, content: bytes | mmap) -> None:
     """Say that values are coded as PQ or HLG (ITU-R BT.2100)."""
-    code = curve_of(content)
-    if code in CURVES:
+    curve = {16: "PQ", 18: "HLG"}.get(curve_of(content))
+    if curve:
         message = "%s is coded in %s, which is no power γ of the light: export it in a standard range"
-        log.warning(message, name, CURVES[code])
+        log.warning(message, name, curve)
 
 
 def _read(

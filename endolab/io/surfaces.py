@@ -19,22 +19,6 @@ if TYPE_CHECKING:
     from endolab.synthetic.rendering import Rendered
 
 DEPTH_FILE = "a depth.npz that endolab wrote"
-PLY_HEADER = """\
-ply
-format binary_little_endian 1.0
-{comments}element vertex {vertices}
-property float x
-property float y
-property float z
-property float nx
-property float ny
-property float nz
-property uchar red
-property uchar green
-property uchar blue
-{faces}end_header
-"""
-FACES = "element face {}\nproperty list uchar int vertex_indices\n"
 
 
 # Depth maps -----------------------------------------------------------------------------
@@ -116,12 +100,16 @@ def write_mesh(path: PathLike, mesh: Mesh) -> None:
         faces = np.empty(len(mesh.triangles), [("count", "u1"), ("corners", "<i4", 3)])
         faces["count"] = 3
         faces["corners"] = mesh.triangles
-        header = PLY_HEADER.format(
-            comments="".join(f"comment {text}\n" for text in comments),
-            vertices=len(vertices),
-            faces=FACES.format(len(faces)) if len(faces) else "",
-        )
-        content = header.encode() + vertices.tobytes() + faces.tobytes()
+        header = ["ply", "format binary_little_endian 1.0"]
+        header += [f"comment {text}" for text in comments]
+        header += [f"element vertex {len(vertices)}"]
+        header += [f"property float {name}" for name in ("x", "y", "z", "nx", "ny", "nz")]
+        header += [f"property uchar {name}" for name in ("red", "green", "blue")]
+        if len(faces):
+            header += [f"element face {len(faces)}"]
+            header += ["property list uchar int vertex_indices"]
+        begin = "\n".join([*header, "end_header\n"])
+        content = begin.encode() + vertices.tobytes() + faces.tobytes()
     elif suffix == ".obj":
         text = io.BytesIO()
         text.write("".join(f"# {line}\n" for line in comments).encode())

@@ -21,8 +21,8 @@ from endolab.io.images import (
     page_times,
     quiet,
     read_image,
-    say_curve,
-    say_turned,
+    warn_of_curve,
+    warn_of_turn,
 )
 from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import FloatArray
@@ -127,9 +127,9 @@ def _open_video(path: Path, calibration: Calibration | None) -> Frames:
     """Count the frames of a video by decoding them: its header may tell of more, of fewer, or of fields."""
     capture = _open(path)
     if capture.get(cv2.CAP_PROP_ORIENTATION_META) != 0:
-        say_turned(path)
+        warn_of_turn(path)
     with path.open("rb") as file, mmap(file.fileno(), 0, access=ACCESS_READ) as content:
-        say_curve(path, content)
+        warn_of_curve(path, content)
     count = tried = 0
     times = {}
     with quiet():

@@ -1,4 +1,4 @@
-"""How far a depth map or a mesh is from the truth."""
+"""How far a depth map is from the truth, and what of a picture a surface explains."""
 
 import lazy_loader
 

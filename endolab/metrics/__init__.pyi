@@ -5,6 +5,4 @@ from .depth_errors import angle_between as angle_between
 from .depth_errors import compare as compare
 from .depth_errors import depth_cuts as depth_cuts
 from .depth_errors import resample_truth as resample_truth
-from .mesh_distance import SurfaceDistance as SurfaceDistance
-from .mesh_distance import distance_to as distance_to
-from .mesh_distance import to_open3d as to_open3d
+from .open3d_mesh import to_open3d as to_open3d

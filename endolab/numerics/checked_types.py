@@ -5,7 +5,7 @@
         gamma: Annotated[float, Field(ge=0.1, le=10)] = 2.2
 
     Light(2.2), Light(gamma=2.2), replace(light, gamma=2)      # as with any dataclass
-    Light(gamma=-1)              # ValueError: gamma must be at least 0.1, got -1
+    Light(gamma=-1)              # ValueError: gamma must be greater than or equal to 0.1, got -1
     from_content(Light, {"gama": 2}, "light.json")
                                  # ValueError: light.json: gama is unknown; did you mean gamma?
 
@@ -99,29 +99,6 @@ def to_content(value: Any) -> dict[str, Any]:
 
 
 # Sentences ------------------------------------------------------------------------------
-# By the type of pydantic's error; in braces is what it tells.
-_SENTENCES = {
-    "missing": "is missing",
-    "union_tag_not_found": "is missing",
-    "value_error": "{error}",
-    "int_type": "must be a whole number, got {given}",
-    "float_type": "must be a number, got {given}",
-    "finite_number": "must be a finite number, got {given}",
-    "bool_type": "must be true or false, got {given}",
-    "string_type": "must be text, got {given}",
-    "tuple_type": "must be a list, got {given}",
-    "too_long": "must have at most {max_length} entries, got {given}",
-    "dict_type": "must be an object, got {given}",
-    "dataclass_type": "must be an object, got {given}",
-    "model_attributes_type": "must be an object, got {given}",
-    "dataclass_exact_type": "must be a {class_name}, got {given}",
-    "literal_error": "must be {expected}, got {given}",
-    "greater_than_equal": "must be at least {ge:g}, got {given}",
-    "less_than_equal": "must be at most {le:g}, got {given}",
-    "less_than": "must be less than {lt:g}, got {given}",
-}
-
-
 def _sentence(error: ValidationError, kind: Any, content: Any) -> str:
     """Say what is wrong: an unknown key, else what lies deepest."""
     complaints = []
@@ -145,7 +122,7 @@ def _sentence(error: ValidationError, kind: Any, content: Any) -> str:
 
 def _complaint(fault: Any, path: list[Any], kind: Any) -> str:
     """Say what is wrong with the value at the end of a path, or the key beyond it that tells types apart."""
-    facts = {"tag": fault["input"], "msg": fault["msg"], **fault.get("ctx", {})}
+    facts = {"tag": fault["input"], **fault.get("ctx", {})}
     if "discriminator" in facts:
         path.append(facts["discriminator"].strip("'"))
     if fault["type"] == "unexpected_keyword_argument":
@@ -155,8 +132,13 @@ def _complaint(fault: Any, path: list[Any], kind: Any) -> str:
     choices = facts.get("expected_tags", facts.get("expected", "")).split("'")[1::2]
     if choices:
         return str(unknown_name(path[-1], facts["tag"], choices))
-    words = _SENTENCES.get(fault["type"], "{msg}, got {given}")
-    return words.format(given=excerpt(fault["input"]), **facts)
+    if fault["type"] in ("missing", "union_tag_not_found"):
+        return "is missing"
+    if fault["type"] == "value_error":
+        return str(facts["error"])
+    # "Input should be a valid number", and the like
+    what, should, rest = fault["msg"].partition(" should")
+    return f"{'must' if should else what}{rest}, got {excerpt(fault['input'])}"
 
 
 def _keys_in(kind: Any) -> set[str]:

@@ -197,8 +197,9 @@ def refine_per_pixel(
     tint = wall @ whitening
     sigma = max(1.48 * float(np.median(np.abs(tint))), constants.LEAST_SPREAD)
     tint = constants.OUTLIER * np.tanh(tint / (constants.OUTLIER * sigma))
-    slope = (ratio / (1 + ratio)) @ whitening / sigma
-    width = constants.WIDTH_PER_PIXEL * ratio[:, 0] / (1 + ratio[:, 0])
+    bounced = ratio / (1 + ratio)  # as a share of all light
+    slope = bounced @ whitening / sigma
+    width = constants.WIDTH_PER_PIXEL * bounced[:, 0]
     s = (tint * slope).sum(axis=1) / ((slope**2).sum(axis=1) + 1 / width**2)
     corrected = indirect_ratio.copy()
     corrected[exact] *= np.exp(s)[:, None]

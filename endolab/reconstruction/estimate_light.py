@@ -22,7 +22,7 @@ are the answer. It is one for cavities: a single flat wall before a pinhole look
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import combinations
 from typing import Any
@@ -39,25 +39,23 @@ from endolab.model.endoscope import Calibration
 from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import FloatArray, freeze
 from endolab.numerics.checks import check_kinds, excerpt
-from endolab.numerics.iteration import Status, close_observers, drive
+from endolab.numerics.iteration import finish
 from endolab.reconstruction.colours import NoColour, prior_of
 from endolab.reconstruction.light_and_contours import separate, separate_from
 from endolab.reconstruction.problem_of_frame import check_frame, problem_of_frame
 from endolab.reconstruction.report import light_verdict
 from endolab.reconstruction.settings import Settings
 from endolab.solvers.problem import Problem
-from endolab.solvers.result import Iterate, Observer
 
 EXPONENTS = np.linspace(0.0, 5.0, 11)  # k that are tried; endoscopes have 0.5 to 3.5
-FIRST = 4  # of these, with which to begin: 2
 
 
 @dataclass(frozen=True, eq=False)
 class LightEstimate:
     """What frames tell of the light's fall-off.
 
-    `photometry` is ready to reconstruct with: it has the k that was found, or else the one that was to be
-    taken otherwise, and the mean of both, by their errors, if k was found roughly; its gain is unknown.
+    `photometry` is ready to reconstruct with: it has the k that was found, or else that of the paper's
+    endoscope, and the mean of both, by their errors, if k was found roughly; its gain is unknown.
     """
 
     k: float  # joint exponent of lamp and lens: half of the likelihood is below
@@ -70,7 +68,6 @@ class LightEstimate:
     places: float  # as many independent frames the frames are worth
     names: tuple[str, ...]  # of the F frames
     refused: dict[str, str]  # names of others, and why, in a sentence
-    status: Status  # STOPPED if not all frames were asked
 
     @property
     def verdict(self) -> str:
@@ -81,7 +78,7 @@ class LightEstimate:
     def evidence(self) -> dict[str, Any]:
         """All of it in plain numbers, for `endoscope.json`."""
         record = asdict(self) | {"verdict": self.verdict}
-        for other in ("photometry", "names", "status"):
+        for other in ("photometry", "names"):
             del record[other]
         record["exponents"] = self.exponents.tolist()
         costs = np.round(self.costs, 4).tolist()
@@ -96,8 +93,6 @@ def estimate_light(
     *,
     gamma: float = 2.2,
     albedo: ArrayLike | None = None,
-    otherwise: float = 2.5,
-    observers: Iterable[Observer] = (),
     progress: Callable[[int, str], object] | None = None,
 ) -> LightEstimate:
     """Find the exponent k of an endoscope's light from frames that it took, the camera being known.
@@ -117,11 +112,6 @@ def estimate_light(
         too large, k is 0.2 to 0.3 too large, too.
     albedo : float or three floats, optional
         Of the wall, in green alone or red, green and blue, if it is known.
-    otherwise : float
-        k of the photometry if it is not found; by default that of the paper's endoscope.
-    observers : iterable of callables
-        Each is shown every iterate of every solve; one that returns True stops the search, and what the
-        frames before told is the answer.
     progress : callable, optional
         ``progress(done, name)`` is called after each frame.
 
@@ -135,33 +125,25 @@ def estimate_light(
         In one sentence, if an argument cannot be used, or none of the frames.
     """
     wall = Lambertian() if albedo is None else Lambertian(albedo)  # type: ignore[arg-type]
-    usual = Photometry(otherwise, gamma, None, wall)
+    usual = Photometry(2.5, gamma, None, wall)
     endoscope = Calibration(camera, usual)
     scans: list[_Scan] = []
     refused: dict[str, str] = {}
-
-    def scan_all() -> Generator[Iterate, None, Status]:
-        for done, frame in enumerate(frames, 1):
-            if not isinstance(frame, Frame):
-                raise ValueError(f"frames must be several of Frame, got {excerpt(frame)}")
-            try:
-                scans.append((yield from _scan(frame, endoscope)))
-            except NoColour as error:
-                refused[frame.name] = f"{frame.name}: its colours tell nothing ({error})"
-            except ValueError as error:
-                refused[frame.name] = str(error)
-            if progress is not None:
-                progress(done, frame.name)
-        return Status.CONVERGED
-
-    with close_observers(observers) as watching:
-        status = drive(scan_all(), watching, lambda *_: None)
+    for done, frame in enumerate(frames, 1):
+        if not isinstance(frame, Frame):
+            raise ValueError(f"frames must be several of Frame, got {excerpt(frame)}")
+        try:
+            scans.append(_scan(frame, endoscope))
+        except NoColour as error:
+            refused[frame.name] = f"{frame.name}: its colours tell nothing ({error})"
+        except ValueError as error:
+            refused[frame.name] = str(error)
+        if progress is not None:
+            progress(done, frame.name)
     if not scans:
-        why = "it was stopped" if status is Status.STOPPED else "there is none"
-        raise ValueError(
-            f"no frame tells of the light: {next(iter(refused.values()), why)}"
-        )
-    return _estimate(scans, refused, usual, status)
+        why = next(iter(refused.values()), "there is none")
+        raise ValueError(f"no frame tells of the light: {why}")
+    return _estimate(scans, refused, usual)
 
 
 # One frame ------------------------------------------------------------------------------
@@ -177,8 +159,8 @@ class _Scan:
     shape: FloatArray  # (H, W), log d but for its mean and what goes with log cos α; nan where unknown
 
 
-def _scan(frame: Frame, calibration: Calibration) -> Generator[Iterate, None, _Scan]:
-    """Solve a frame under every k, from a middle one outwards; the iterates are yielded."""
+def _scan(frame: Frame, calibration: Calibration) -> _Scan:
+    """Solve a frame under every k, from a middle one outwards."""
     if frame.image.ndim == 2:
         raise NoColour("the picture is grey")
     # It is the surface's large shape that tells; more blur makes dark lumens brighter and k smaller.
@@ -192,14 +174,15 @@ def _scan(frame: Frame, calibration: Calibration) -> Generator[Iterate, None, _S
         lit = [replace(c, photometry=replace(c.photometry, k=float(k))) for c in colours]
         return replace(lit[1], colours=tuple(lit))
 
-    found = yield from separate(under(EXPONENTS[FIRST]), prior, False)
-    surfaces = {FIRST: found.trial.surface}
-    for index in (*range(FIRST + 1, len(EXPONENTS)), *reversed(range(FIRST))):
-        neighbour = index - 1 if index > FIRST else index + 1
+    first = 4  # of EXPONENTS: 2
+    found = finish(separate(under(EXPONENTS[first]), prior, False))
+    surfaces = {first: found.trial.surface}
+    for index in (*range(first + 1, len(EXPONENTS)), *reversed(range(first))):
+        neighbour = index - 1 if index > first else index + 1
         # The surface of the same slants that makes the same picture under another k.
         moved = 0.5 * (EXPONENTS[index] - EXPONENTS[neighbour]) * fall
         start = surfaces[neighbour].log_distance + moved
-        trial = yield from separate_from(under(EXPONENTS[index]), prior, start)
+        trial = finish(separate_from(under(EXPONENTS[index]), prior, start))
         surfaces[index] = trial.surface
 
     costs = np.zeros(len(EXPONENTS))
@@ -208,8 +191,8 @@ def _scan(frame: Frame, calibration: Calibration) -> Generator[Iterate, None, _S
         with np.errstate(divide="ignore"):
             contrast = np.log(nearness.std() / nearness.mean())
         costs[index] = np.log(surface.energy) - 0.5 * contrast
-    mask = surfaces[FIRST].mask
-    v = surfaces[FIRST].log_distance[mask]
+    mask = surfaces[first].mask
+    v = surfaces[first].log_distance[mask]
     fall = fall[mask]
     if not (np.all(np.isfinite(costs)) and np.ptp(fall) > 0):
         raise ValueError(f"{frame.name}: its surface has no contrast")
@@ -222,7 +205,7 @@ def _scan(frame: Frame, calibration: Calibration) -> Generator[Iterate, None, _S
 
 
 def _estimate(
-    scans: Sequence[_Scan], refused: dict[str, str], usual: Photometry, status: Status
+    scans: Sequence[_Scan], refused: dict[str, str], usual: Photometry
 ) -> LightEstimate:
     """What the frames tell together."""
     # Of several frames that show one place each counts less: of two, half.
@@ -275,5 +258,4 @@ def _estimate(
         places=float(weights.sum()),
         names=tuple(scan.name for scan in scans),
         refused=refused,
-        status=status,
     )

@@ -9,9 +9,8 @@ import numpy as np
 from endolab.frames.frame import Frame
 from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import FloatArray
-from endolab.reconstruction.problem_of_frame import fingerprint_of, in_units
+from endolab.reconstruction.problem_of_frame import fingerprint_of
 from endolab.reconstruction.settings import SEPARATED, Settings
-from endolab.solvers.descent import DESCENT
 from endolab.solvers.problem import Problem
 
 
@@ -28,7 +27,7 @@ class Found:
     believed: Calibration  # camera of the picture, and light when it was found
     start: FloatArray | None = None
     # So many times are rows and columns halved, for a grid on which the start becomes this problem's own.
-    halvings: int = DESCENT.like_halvings
+    halvings: int = 1
     converged_at: float | None = None  # energy of the start, if it is where a run ended
 
     def problem_with(
@@ -58,10 +57,8 @@ class Found:
         if light != before or problem.camera != found.camera:
             is_known = light.gain is not None
             gain = light.gain if is_known else found.photometry.gain
-            problem = replace(
-                problem, photometry=replace(light, gain=gain), metric=is_known
-            )
-            problem = in_units(problem)
+            light = replace(light, gain=gain)
+            problem = replace(problem, photometry=light, metric=is_known).in_units()
         if self.start is None:
             return problem, None
         # d goes with the square root of the gain.

@@ -41,7 +41,7 @@ import numpy as np
 
 from endolab.frames.frame import ROUNDING
 from endolab.numerics.arrays import BoolArray, FloatArray
-from endolab.numerics.resampling import resample
+from endolab.numerics.resampling import resample, resample_cuts
 from endolab.numerics.side_by_side import run_together
 from endolab.reconstruction import constants
 from endolab.reconstruction.colours import (
@@ -54,15 +54,10 @@ from endolab.reconstruction.colours import (
 )
 from endolab.reconstruction.lamps import Lamps, divide_by_lamps
 from endolab.reconstruction.lines import find_contours
-from endolab.reconstruction.problem_of_frame import (
-    in_units,
-    resample_surface,
-    start_from,
-)
 from endolab.reconstruction.settings import SEPARATED
 from endolab.reconstruction.walls import Walls
-from endolab.solvers.descent import DESCENT
 from endolab.solvers.gauss_newton import gauss_newton
+from endolab.solvers.linearised import far_end_moves
 from endolab.solvers.problem import EXACT, LOWER_BOUND, NONE, Problem
 from endolab.solvers.provenance import ContourOutcome, LightOutcome
 from endolab.solvers.result import Iterate, Result, Solving, name_stage
@@ -71,12 +66,8 @@ from endolab.solvers.result import Iterate, Result, Solving, name_stage
 SMOOTH = "smooth"  # one channel, before anything is cut
 BOUNCED = "bounced light"  # three colours, likewise
 CONTOURS = "contours"  # cut
-LAMPS = "lamps"  # one channel, lit by lamps that stand aside
 
-# Factor by which a misfit may be another.
-NEARLY = 1.03
-# Of one channel, which tells nothing.
-NO_LIGHT = Light(LightOutcome.NO_COLOUR, np.empty(0), 0.0, 0.0)
+NO_LIGHT = Light(LightOutcome.NO_COLOUR, np.empty(0), 0.0, 0.0)  # of one channel
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +80,7 @@ class Trial:
     min_steepness: float | None = None  # of the lines that are cut; None: uncut
 
     @property
-    def is_clean(self) -> bool:
+    def is_direct(self) -> bool:
         """Whether the colours show no light that bounced."""
         return self.light.outcome is LightOutcome.NONE_BOUNCED
 
@@ -102,19 +93,14 @@ class Trial:
 
 
 @dataclass(frozen=True, eq=False)
-class Separation:
-    """What the stage found on few pixels, and what tells how the picture is cut on all."""
+class Lines:
+    """What is cut: links, if they are known; else lines of a picture that are steep."""
 
-    trial: Trial  # the surface that was chosen, with its light
-    contours: ContourOutcome
-    # Links that are cut, if they are known; else lines are, of the picture without this ι, (h, w, 3), under
-    # these albedos, (3,), that are steeper than that.
     cuts: BoolArray | None
+    # The picture is the one without this ι, (h, w, 3), under these albedos, (3,).
     indirect_ratio: FloatArray
     albedo: FloatArray
     min_steepness: float | None
-    lamp_ratio: FloatArray | None = None  # ω, (h, w)
-    other_cut: tuple[float | None, float] | None = None  # see `Report`
 
     def cuts_of(self, colours: Sequence[Problem]) -> BoolArray | None:
         """Return the cuts of red, green and blue, on however many pixels."""
@@ -123,6 +109,17 @@ class Separation:
             return resample_cuts(self.cuts, shape)
         picture = merge(colours, resample(self.indirect_ratio, shape), self.albedo)
         return cut_at_contours(picture, self.min_steepness).cuts
+
+
+@dataclass(frozen=True, eq=False)
+class Separation:
+    """What the stage found on few pixels, and what tells how the picture is cut on all."""
+
+    trial: Trial  # the surface that was chosen, with its light
+    contours: ContourOutcome
+    lines: Lines
+    lamp_ratio: FloatArray | None  # ω, (h, w)
+    other_cut: tuple[float | None, float] | None = None  # see `Report`
 
 
 def light_and_contours(
@@ -158,10 +155,9 @@ def light_and_contours(
     # Green, or what there is.
     full = replace(full, colours=(), report=replace(full.report, **report))
     if lamps is not None:
-        start = None if before is None else start_from(before.iterate, small)
+        start = None if before is None else before.iterate.start_of(small)
         small = replace(small, colours=())
         small, _ = yield from settle_lamps(small, start, lamps, constants.LAMP_ROUNDS)
-        assert small.lamp_ratio is not None
         full = divide_by_lamps(full, small.lamp_ratio)
 
     # Its surface is cut where contours are found in its picture, before it is solved.
@@ -182,7 +178,7 @@ def light_and_contours(
         steepness = chosen.min_steepness
         if steepness is not None:
             full = cut_at_contours(full, steepness)
-            first = start_from(chosen.surface, full)
+            first = chosen.surface.start_of(full)
     return _with_contours(full, outcome, steepness), first
 
 
@@ -215,7 +211,7 @@ def separate(
     surface = None
     rounds = constants.UNCUT_ROUNDS if lamps is None else constants.LAMP_ROUNDS
     for number, count in enumerate(rounds, 1):
-        lines_of = (ratio, light.albedo)  # the picture of which lines may be cut
+        direct_picture = (ratio, light.albedo)  # the picture of which lines may be cut
         surface = yield from _solve_direct(problem, light, ratio, surface, number, count)
         problem = _lit_by_lamps(problem, lamps, surface)
         # Where lamps stand aside, the first two surfaces are too wrong to ask colours of.
@@ -240,7 +236,7 @@ def separate(
         trials = yield from _try_contours(trial, problem.colours, prior, number + 1)
         number += len(trials) - 1
         trial, outcome = choose(trials, always=bool(contours))
-        for doubt in (1 / NEARLY, NEARLY):
+        for doubt in (1 / 1.03, 1.03):  # a misfit may be another by so much
             other, _ = choose(trials, bool(contours), doubt)
             if other is not trial:
                 moved = other.surface.log_distance - trial.surface.log_distance
@@ -263,9 +259,8 @@ def separate(
         )
         ratio, light = estimate_indirect(problem.colours, surface, prior, per_pixel=True)
         trial = Trial(surface, light, ratio, steepness)
-    return Separation(
-        trial, outcome, cuts, *lines_of, steepness, problem.lamp_ratio, other_cut
-    )
+    lines = Lines(cuts, *direct_picture, steepness)
+    return Separation(trial, outcome, lines, problem.lamp_ratio, other_cut)
 
 
 def _lit_by_lamps(problem: Problem, lamps: Lamps | None, surface: Iterate) -> Problem:
@@ -281,9 +276,8 @@ def settle_lamps(
 ) -> Solving[tuple[Problem, FloatArray]]:
     """Solve, so many steps a round, and divide by ω after each; return the last surface, too."""
     for number, count in enumerate(rounds, 1):
-        options = {} if start is None else {"start": start}
         surface = yield from solve_stage(
-            problem, LAMPS, number, max_iterations=count, **options
+            problem, "lamps", number, start=start, max_iterations=count
         )
         problem = divide_by_lamps(problem, lamps.ratio(surface))
         start = surface.log_distance
@@ -304,9 +298,14 @@ def separate_from(
     problem = _lit_by_lamps(problem, lamps, surface)
     ratio, light = estimate_indirect(problem.colours, surface, prior, per_pixel=True)
     count = constants.UNCUT_ROUNDS[-1]
-    halvings = DESCENT.start_halvings  # the camera may have moved
     surface = yield from _solve_direct(
-        problem, light, ratio, surface, 1, count, halvings=halvings
+        problem,
+        light,
+        ratio,
+        surface,
+        1,
+        count,
+        halvings=2,  # the camera may have moved
     )
     return Trial(surface, light, ratio)
 
@@ -326,14 +325,7 @@ def _separate_as_before(
     if steepness == constants.TISSUE_STEEPNESS and not is_same:
         cuts = tissue_cuts(small.colours)
         steepness = None if cuts is None else steepness
-    lines = Separation(
-        trial=Trial(before.iterate),
-        contours=ContourOutcome.NONE_CLEAR,
-        cuts=cuts,
-        indirect_ratio=np.zeros((1, 1, 3)),
-        albedo=prior.albedo,
-        min_steepness=0.8 * (steepness or 0.0),
-    )
+    lines = Lines(cuts, np.zeros((1, 1, 3)), prior.albedo, 0.8 * (steepness or 0.0))
     outcome = ContourOutcome.NONE_CLEAR
     if contours is False:
         outcome = ContourOutcome.NOT_ASKED
@@ -341,11 +333,10 @@ def _separate_as_before(
         small = replace(small, cuts=lines.cuts_of(small.colours))
         if small.cuts is not None:
             outcome = ContourOutcome.AS_BEFORE
-    surface = resample_surface(before.iterate, small)
+    surface = before.iterate.resample(small)
     trial = yield from separate_from(small, prior, surface, lamps)
     trial = replace(trial, min_steepness=steepness)
-    lamp_ratio = trial.surface.problem.lamp_ratio
-    return replace(lines, trial=trial, contours=outcome, lamp_ratio=lamp_ratio)
+    return Separation(trial, outcome, lines, trial.surface.problem.lamp_ratio)
 
 
 def problem_as_before(
@@ -371,18 +362,16 @@ def problem_as_before(
     )
     if not is_same:
         return None
-    return in_units(
-        replace(
-            full,
-            image=solved.image,
-            mask=solved.mask,
-            evidence=solved.evidence,
-            cuts=solved.cuts,
-            lamp_ratio=solved.lamp_ratio,
-            colours=(),
-            report=replace(old, scale="", length=None, length_by_gain=None),
-        )
-    )
+    return replace(
+        full,
+        image=solved.image,
+        mask=solved.mask,
+        evidence=solved.evidence,
+        cuts=solved.cuts,
+        lamp_ratio=solved.lamp_ratio,
+        colours=(),
+        report=replace(old, scale="", length=None, length_by_gain=None),
+    ).in_units()
 
 
 def _on_all_pixels(
@@ -391,12 +380,11 @@ def _on_all_pixels(
     """Return the problem of the light that has not bounced, and a start, if there is one."""
     trial = found.trial
     light = trial.light
-    if found.lamp_ratio is not None:
-        full = divide_by_lamps(full, found.lamp_ratio)
+    full = divide_by_lamps(full, found.lamp_ratio)
     ratio = resample(trial.indirect_ratio, full.mask.shape)
     problem = merge(full.colours, ratio, light.albedo, not light.reason)
     if trial.surface.problem.cuts is not None or found.contours is ContourOutcome.BY_LINES:
-        problem = replace(problem, cuts=found.cuts_of(full.colours))
+        problem = replace(problem, cuts=found.lines.cuts_of(full.colours))
     outcome = found.contours
     if problem.cuts is not None and outcome is ContourOutcome.NOT_ASKED:
         outcome = ContourOutcome.GIVEN
@@ -409,18 +397,18 @@ def _on_all_pixels(
         channel=SEPARATED,
         light=light.outcome,
         reason=light.reason,
-        wall_albedo=tuple(float(value) for value in light.albedo),
+        wall_albedo=tuple(light.albedo.tolist()),
         albedo_given=prior.is_given,
         indirect_percent=tuple(percent),
         indirect_factor=light.factor,
         lamp=light.lamp,
         other_cut=found.other_cut,
     )
-    problem = in_units(replace(problem, report=report))
+    problem = replace(problem, report=report).in_units()
     problem = _with_contours(problem, outcome, trial.min_steepness)
     if outcome is ContourOutcome.BY_LINES:
         return problem, None
-    return problem, start_from(trial.surface, problem)
+    return problem, trial.surface.start_of(problem)
 
 
 def estimate_indirect(
@@ -454,7 +442,7 @@ def _solve_direct(
     problem = merge(picture.colours, indirect_ratio, light.albedo, not light.reason)
     if surface is not None:
         problem = replace(problem, cuts=surface.problem.cuts)
-        options["start"] = start_from(surface, problem)
+        options["start"] = surface.start_of(problem)
     return (
         yield from solve_stage(problem, BOUNCED, number, max_iterations=count, **options)
     )
@@ -467,7 +455,7 @@ def solve_stage(
 
     A cut one is near: what moves far hangs by few pixels, and coarser grids do not see these.
     """
-    halvings = 0 if problem.cuts is not None else DESCENT.like_halvings
+    halvings = 0 if problem.cuts is not None else 1
     options = {"halvings": halvings} | options
     return (yield from name_stage(gauss_newton(problem, **options), stage, number))
 
@@ -485,37 +473,35 @@ def _try_contours(
     """
     picture = uncut.surface.problem
     lines = find_contours(picture.log_d0, picture.mask)
-    cut = [
-        (steepness, replace(picture, cuts=lines > steepness))
-        for steepness in constants.MIN_STEEPNESS
-        if (lines > steepness).any()
-    ]
     options: dict[str, Any] = {}
     if colours:
         # Where a trial is chosen by its energy, that must be near its end.
-        count = constants.UNCUT_ROUNDS[0] if uncut.is_clean else constants.TRIAL_STEPS
+        count = constants.UNCUT_ROUNDS[0] if uncut.is_direct else constants.TRIAL_STEPS
         options["max_iterations"] = count
 
     def solve(index: int, start: Iterate) -> Solving[Iterate]:
-        start_map = start.log_distance
-        problem = cut[index][1]
-        return solve_stage(problem, CONTOURS, number + index, start=start_map, **options)
+        problem = replace(picture, cuts=lines > steep[index])
+        how = {"start": start.log_distance, **options}
+        return solve_stage(problem, CONTOURS, number + index, **how)
 
+    steep = [least for least in constants.MIN_STEEPNESS if (lines > least).any()]
     trials = [uncut]
-    begun = []
+    together = []
     if uncut.light.outcome is LightOutcome.REMOVED:
-        begun = run_together([solve(i, uncut.surface) for i in range(len(cut[:2]))])
-    for index, (steepness, _) in enumerate(cut):
-        steps = begun[index] if index < len(begun) else solve(index, trials[-1].surface)
-        surface = yield from steps
+        together = run_together([solve(i, uncut.surface) for i in range(len(steep[:2]))])
+    for index, steepness in enumerate(steep):
+        if index < len(together):
+            surface = yield from together[index]
+        else:
+            surface = yield from solve(index, trials[-1].surface)
         trial = replace(uncut, surface=surface, min_steepness=steepness)
-        if prior is not None and not uncut.is_clean:
+        if prior is not None and not uncut.is_direct:
             ratio, light = estimate_indirect(colours, surface, prior)
             trial = replace(trial, indirect_ratio=ratio, light=light)
         trials.append(trial)
         # Less steep lines might do better where nothing bounced, or while the colours agree as well.
         is_as_good = _colours_tell(trials) and trial.light.misfit <= _misfit_limit(trials)
-        if not uncut.is_clean and not is_as_good:
+        if not uncut.is_direct and not is_as_good:
             break
     return trials
 
@@ -536,7 +522,7 @@ def choose(
         allowed = [trial for trial in allowed if trial.light.misfit <= limit]
         if allowed[0] is not uncut:
             return allowed[0], ContourOutcome.BY_COLOURS
-    price = constants.CLEAN_PRICE if uncut.is_clean else constants.PRICE
+    price = constants.CLEAN_PRICE if uncut.is_direct else constants.PRICE
     cheapest = min(
         allowed,
         key=lambda trial: np.log(trial.surface.energy) + price * trial.cut_length,
@@ -557,13 +543,6 @@ def _misfit_limit(trials: Sequence[Trial]) -> float:
     return constants.MISFIT_LIMIT * max(trials[0].light.factor, 1.0) * least
 
 
-def far_end_moves(iterate: Iterate, moved: FloatArray) -> float:
-    """How much farther the farthest twentieth comes if log d changes by that, (H, W); the median stays."""
-    mask = iterate.mask
-    far = mask & (iterate.distance >= np.percentile(iterate.distance[mask], 95))
-    return float(np.expm1(np.median(moved[far]) - np.median(moved[mask])))
-
-
 def cut_at_contours(problem: Problem, min_steepness: float | None) -> Problem:
     """Cut the surface at the picture's lines that are steeper than this, if there are any."""
     if min_steepness is None:
@@ -582,31 +561,6 @@ def tissue_cuts(colours: Sequence[Problem]) -> BoolArray | None:
     log_dark = -np.log(np.where(red.mask, red.image, 1.0))
     cuts = find_contours(log_dark, red.mask, in_tissue=True) > constants.TISSUE_STEEPNESS
     return cuts if cuts.any() else None
-
-
-def nearest_pixels(old: tuple[int, ...], new: tuple[int, ...]) -> tuple[Any, ...]:
-    """Return the pixels of one grid in which the centres of another's lie, as an index of maps."""
-    return np.ix_(
-        *(
-            (size / count * (np.arange(count) + 0.5)).astype(int)
-            for size, count in zip(old, new, strict=True)
-        )
-    )
-
-
-def resample_cuts(cuts: BoolArray, shape: tuple[int, ...]) -> BoolArray:
-    """Return cuts (2, h, w), as `Problem` has them, on more pixels or fewer, (H, W).
-
-    A step between two of these is cut if one on the way between the nearest pixels is.
-    """
-    nearest = nearest_pixels(cuts.shape[1:], shape)
-    resampled = []
-    for cut, axis in zip(cuts, (1, 0), strict=True):
-        # On the way from the border to each pixel.
-        passed = (np.cumsum(cut, axis) - cut)[nearest]
-        ahead = np.diff(passed, axis=axis, append=passed.take([-1], axis))
-        resampled.append(ahead > 0)
-    return np.stack(resampled)
 
 
 def min_steepness_of(result: Result) -> float | None:
@@ -645,8 +599,9 @@ def merge(
     weights = np.where(mask, 0.0, 1.0)
     for c, colour in enumerate(colours):
         ratio = indirect_ratio[..., c]
-        shade = np.maximum(colour.image, _noise(colour))
-        variance = (gamma * _noise(colour) / shade) ** 2
+        noise = max(colour.noise, ROUNDING)
+        shade = np.maximum(colour.image, noise)
+        variance = (gamma * noise / shade) ** 2
         variance += (constants.RATIO_DOUBT * ratio / (1 + ratio)) ** 2
         variance += constants.TEXTURE[c] ** 2
         weight = (colour.mask & (kinds[c] == evidence)) / variance
@@ -658,8 +613,3 @@ def merge(
     return replace(
         colours[1], image=image, mask=mask, evidence=evidence if evidence.any() else None
     )
-
-
-def _noise(problem: Problem) -> float:
-    """Return the noise of a channel, that of rounding at least."""
-    return max(problem.noise, ROUNDING)

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d, map_coordinates
 from skimage.measure import label, regionprops
 
-from endolab.reconstruction.contrast import noise_left, residual_of
+from endolab.metrics.contrast import noise_left, residual_of
 from endolab.solvers.result import Result
 
 DIRECTIONS = np.linspace(0, 2 * np.pi, 48, endpoint=False)  # from a patch's middle

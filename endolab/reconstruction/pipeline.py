@@ -42,12 +42,10 @@ from endolab.reconstruction.problem_of_frame import (
     check_frame,
     problem_of_frame,
     problems_of_frame,
-    start_from,
 )
 from endolab.reconstruction.scale import to_scale
 from endolab.reconstruction.settings import Settings, takes_settings
 from endolab.solvers import solvers
-from endolab.solvers.descent import DESCENT
 from endolab.solvers.problem import Problem
 from endolab.solvers.result import (
     SOLUTION,
@@ -128,7 +126,7 @@ def reconstruct(
                 full = problem_of_frame(frame, calibration, settings)
                 asked = replace(full.report, asked=settings.as_dict(), stage=answer.stage)
                 full = replace(full, report=asked, colours=())
-                answer = Iterate.of(full, start_from(answer, full))
+                answer = Iterate.of(full, answer.start_of(full))
             return to_scale(answer, settings)
 
         return run(steps, observers, last=finish)
@@ -264,11 +262,11 @@ def find(
     found = Found(problem, settings, calibration, first, converged_at=converged_at)
     if start is None or first is not None:
         return found
-    halvings = DESCENT.start_halvings if known is None else found.halvings
-    return replace(found, start=start_from(start.iterate, problem), halvings=halvings)
+    halvings = 2 if known is None else found.halvings
+    return replace(found, start=start.iterate.start_of(problem), halvings=halvings)
 
 
-def are_as_found(found: Found, problem: Problem, lamps: Lamps) -> bool:
+def lamps_stay(found: Found, problem: Problem, lamps: Lamps) -> bool:
     """Whether ω stays: the lamps stand as before, and the surface is as far away, but for a twentieth."""
     before = Lamps.of(found.believed, found.settings)
     if before is None or problem.lamp_ratio is None:
@@ -287,7 +285,7 @@ def solve(found: Found, settings: Settings, calibration: Calibration) -> Solver:
     lamps = Lamps.of(calibration, settings)
     if lamps is None:
         problem = divide_by_lamps(problem, None)
-    elif not are_as_found(found, problem, lamps):
+    elif not lamps_stay(found, problem, lamps):
         if start is not None:
             problem = divide_by_lamps(problem, lamps.ratio(Iterate(problem, 0, start)))
         problem, start = yield from settle_lamps(problem, start, lamps, (2, 2, 2, 2))

@@ -48,9 +48,9 @@ class PriorSigma:
     def of(cls, calibration: Calibration | None = None) -> PriorSigma:
         """Standard errors of a calibration's evidence, as far as it has them, or that nobody measured it."""
         evidence = getattr(calibration, "evidence", None) or {}
-        is_unmeasured = _at(evidence, "photometry", "nominal") is True
+        is_unmeasured = _entry(evidence, "photometry", "nominal") is True
         is_unmeasured |= "unknown_light" in evidence
-        errors = _at(evidence, "photometry", "standard_errors")
+        errors = _entry(evidence, "photometry", "standard_errors")
         errors = errors if isinstance(errors, Mapping) else {}
         listed = {} if evidence.get("lamps") == "given" else errors
         places = [
@@ -62,9 +62,9 @@ class PriorSigma:
         common = np.sqrt(2 * np.sum(np.square(places))) / len(places) if places else None
         stated = (
             ("lamp", common and float(common)),
-            ("k", _at(evidence, "unknown_light", "standard_error")),
-            ("k", _at(errors, "k")),
-            ("gamma", _at(errors, "gamma")),
+            ("k", _entry(evidence, "unknown_light", "standard_error")),
+            ("k", _entry(errors, "k")),
+            ("gamma", _entry(errors, "gamma")),
         )
         measured = {  # a fixed γ's 0 says nothing
             name: float(error)
@@ -79,7 +79,7 @@ class PriorSigma:
         return cls(**measured, **assumed, notes=notes)
 
 
-def _at(value: Any, *keys: str) -> Any:
+def _entry(value: Any, *keys: str) -> Any:
     """What is found in mappings of mappings, or None."""
     for key in keys:
         value = value.get(key) if isinstance(value, Mapping) else None

@@ -24,15 +24,13 @@ from endolab.frames.highlights import find_highlights, inpaint
 from endolab.model.cameras import Camera
 from endolab.model.endoscope import Calibration
 from endolab.model.photometry import CHANNELS
-from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.numerics.arrays import BoolArray
 from endolab.numerics.memory import check_memory
 from endolab.numerics.noise import noise_level
-from endolab.numerics.resampling import resample
 from endolab.numerics.side_by_side import side_by_side
 from endolab.reconstruction.settings import AUTO, SEPARATED, Settings
 from endolab.solvers.problem import EXACT, LOWER_BOUND, NONE, Problem
 from endolab.solvers.provenance import LightOutcome, Report
-from endolab.solvers.result import Iterate
 
 LEAST_SIDE = 8  # px; derivatives and noise take their neighbours
 
@@ -51,10 +49,10 @@ def problem_of_frame(frame: Frame, calibration: Calibration, settings: Settings)
         frame = frame.resize(width, height, photometry.gamma)
     camera = calibration.camera.resize(frame.width, frame.height)
     highlights = settings.used_highlights
-    seen = frame.pixels_to_use()
+    seen = frame.selection.pixels
     known = seen & camera.field.valid
     # On the frame's own pixels, if all have a ray.
-    shown = known if (seen & ~known).any() else whole.pixels_to_use()
+    shown = known if (seen & ~known).any() else whole.selection.pixels
     field = measure_field(shown, camera, picture_size) if known.any() else {}
     mirrored = silent = np.zeros_like(known) if frame.silent is None else frame.silent
     if highlights != "keep":
@@ -85,9 +83,9 @@ def problem_of_frame(frame: Frame, calibration: Calibration, settings: Settings)
             channel=name,
             smooth=blur,
             highlights=highlights,
-            misplaced=frame.misplaced,
-            shown_share=frame.shown_share,
-            box_share=frame.box_share,
+            misplaced=frame.selection.misplaced,
+            shown_share=frame.selection.shown_share,
+            box_share=frame.selection.box_share,
             without_ray=1 - float(known.sum() / seen.sum()),
             fingerprint=fingerprint,
         )
@@ -104,7 +102,7 @@ def problem_of_frame(frame: Frame, calibration: Calibration, settings: Settings)
             cuts=settings.cuts,
             report=report,
         )
-        return in_units(problem)
+        return problem.in_units()
 
     if not settings.uses_colours:
         return make(settings.used_channel)
@@ -212,28 +210,3 @@ def fingerprint_of(frame: Frame) -> tuple[str, str]:
             total.update(np.ascontiguousarray(array).data)
         digits.append(total.hexdigest())
     return digits[0], digits[1]
-
-
-def in_units(problem: Problem) -> Problem:
-    """Choose the gain, if it is not known, that makes the median of d₀ one unit."""
-    if problem.metric:
-        return problem
-    factor = 1 / float(np.median(np.exp(problem.log_d0[problem.mask])))
-    gain = (problem.photometry.gain or 1.0) * factor**2
-    return replace(problem, photometry=replace(problem.photometry, gain=gain))
-
-
-def resample_surface(surface: Iterate, problem: Problem) -> FloatArray:
-    """Return log d of a surface on a problem's grid, at the scale of its gain; nan where unknown."""
-    maps = np.dstack([surface.mask, np.where(surface.mask, surface.log_distance, 0.0)])
-    known, v = np.moveaxis(resample(maps, problem.mask.shape), -1, 0)
-    gain = problem.photometry.gain or 1.0
-    gain_before = surface.problem.photometry.gain or 1.0
-    mean = np.divide(v, known, out=np.full(v.shape, np.nan), where=known > 0)
-    return mean + 0.5 * np.log(gain / gain_before)
-
-
-def start_from(surface: Iterate, problem: Problem) -> FloatArray:
-    """Return log d of a surface on a problem's grid, (H, W), and log d₀ where it does not reach."""
-    v = resample_surface(surface, problem)
-    return np.where(np.isnan(v), problem.log_d0, v)

@@ -8,26 +8,19 @@ import numpy as np
 from endolab.frames.boxes import find_box
 from endolab.frames.frame import SATURATED
 from endolab.frames.surround import surround_doubts
+from endolab.metrics.contrast import ENOUGH_CONTRAST, explained_contrast, noise_left
 from endolab.model.photometry import CHANNELS
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.iteration import Status
-from endolab.reconstruction.contrast import ENOUGH_CONTRAST, explained_contrast, noise_left
 from endolab.reconstruction.lamps import BOUNDS
 from endolab.reconstruction.light_and_contours import BOUNCED, CONTOURS, SMOOTH
-from endolab.reconstruction.linearised import far_end_by_gamma
 from endolab.reconstruction.patches import find_patch
 from endolab.reconstruction.scale import pixel_name, scale_of
+from endolab.solvers.linearised import far_end_by_gamma
 from endolab.solvers.problem import LOWER_BOUND, NONE, Problem
 from endolab.solvers.provenance import ContourOutcome, LightOutcome, Report
 from endolab.solvers.result import Iterate, Result
 
-# What may be where little is explained, and by which options.
-CAUSES = {
-    "wet spots, vessels": {"highlights", "channel"},
-    "folds that were not found": {"contours"},
-    "another k or γ": {"k", "gamma"},
-    "λ too large": {"lam", "regulariser", "epsilon", "xi"},
-}
 WITHOUT_RAY = 0.02  # of the picture's pixels, from which on it is doubtful
 SOLVER_NAMES = {
     "gauss_newton": "Gauss-Newton",
@@ -35,7 +28,6 @@ SOLVER_NAMES = {
     "fast_marching": "fast marching",
     "facing": "facing",
 }
-LOOKED_FOR = {SMOOTH: "folds", BOUNCED: "bounced light", CONTOURS: "folds"}
 
 
 def meaning(result: Result | Iterate) -> tuple[str, ...]:
@@ -271,7 +263,7 @@ def _of_evidence(problem: Problem) -> Iterator[str]:
             yield f"{what} {count} of {known.size} pixels ({share:.2g} %), {how}."
 
 
-def what_is_left(result: Result) -> str:
+def describe_left(result: Result) -> str:
     """Say how far a result is from its energy's minimum."""
     share = f"{100 * result.left:.0f} %" if result.left >= 0.01 else "less than 1 %"
     return f"one step of Gauss-Newton would lower its energy by {share}"
@@ -280,7 +272,7 @@ def what_is_left(result: Result) -> str:
 def summary(result: Result, sigma: FloatArray | None = None) -> Iterator[str]:
     """Say what a run found, a line each, as the command line prints it; σ (H, W), if it is known."""
     known = result.distance[result.mask]
-    yield f"{result.status.name}: {result.status.value.rstrip('.')}; {what_is_left(result)}."
+    yield f"{result.status.name}: {result.status.value.rstrip('.')}; {describe_left(result)}."
     yield (
         f"{result.iterations} iterations, {result.seconds:.2f} s, energy {result.energy:.3e}, "
         f"{known.size} pixels"
@@ -365,7 +357,14 @@ def warnings(result: Result, turned: Set[str] = frozenset()) -> Iterator[str]:
         solver = str(result.report.asked.get("solver", ""))
         by_newton = solver == "gauss_newton"
         usual = "in tissue 95 % and more" if in_tissue else "99 %"
-        causes = sorted(CAUSES, key=lambda cause: turned.isdisjoint(CAUSES[cause]))
+        # What may be where little is explained, and by which options.
+        options = {
+            "wet spots, vessels": {"highlights", "channel"},
+            "folds that were not found": {"contours"},
+            "another k or γ": {"k", "gamma"},
+            "λ too large": {"lam", "regulariser", "epsilon", "xi"},
+        }
+        causes = sorted(options, key=lambda cause: turned.isdisjoint(options[cause]))
         why = (
             f"{usual} is usual. What may be: {', '.join(causes)}, or no endoscope's frame."
         )
@@ -373,7 +372,7 @@ def warnings(result: Result, turned: Set[str] = frozenset()) -> Iterator[str]:
         if not (by_newton and result.status.is_done) and result.left > 0.2:
             why = (
                 f"{SOLVER_NAMES.get(solver, 'the solver')} has not come to the energy's minimum: "
-                f"{what_is_left(result)}; {'more steps do' if by_newton else 'solver gauss_newton does'}."
+                f"{describe_left(result)}; {'more steps do' if by_newton else 'solver gauss_newton does'}."
             )
         yield (
             f"The surface explains {100 * max(explained, 0):.0f} % of the picture's contrast; {why}"
@@ -474,8 +473,9 @@ def describe(
     `reached` is "look" or "iterate" of what is still moving; `errors` are the mean and the median, %.
     While light and contours are looked for, it says so.
     """
-    if reached == "iterate" and result.iterate.stage in LOOKED_FOR:
-        return f"looking for {LOOKED_FOR[result.iterate.stage]}"
+    looked_for = {SMOOTH: "folds", BOUNCED: "bounced light", CONTOURS: "folds"}
+    if reached == "iterate" and result.iterate.stage in looked_for:
+        return f"looking for {looked_for[result.iterate.stage]}"
     asked = result.report.asked
     solver = str(asked.get("solver", "gauss_newton"))
     parts = [SOLVER_NAMES[solver]]
@@ -497,7 +497,7 @@ def describe(
         ended = f"{status} in {result.seconds:.1f} s"
         # Where Gauss-Newton has converged there is next to nothing, and the answer is to be seen at once.
         if solver != "gauss_newton" or result.status is not Status.CONVERGED:
-            ended = f"{ended}; {what_is_left(result)}"
+            ended = f"{ended}; {describe_left(result)}"
     return " · ".join([*parts, ended])
 
 

@@ -16,13 +16,12 @@ from endolab.reconstruction.settings import Pixel, Settings
 from endolab.solvers.result import SCALED, Iterate, Result
 
 NEIGHBOURS = 2  # px to each side whose median is the distance at a pixel
-LEAST_APART = 2 * NEIGHBOURS + 1  # px; two points that are nearer share neighbours
 
 
 def to_scale(iterate: Iterate, settings: Settings) -> Iterate:
     """Return the same surface in mm, by the one length that is known; without one, as it is.
 
-    Pixels are as for `factor_of_distance`, the two of a diameter at least `LEAST_APART` of the result apart.
+    Pixels are as for `factor_of_distance`, the two of a diameter so far apart that they share no neighbours.
     It is straight from point to point: the width of a polyp or of an open forceps.
     """
     length: Any
@@ -37,10 +36,11 @@ def to_scale(iterate: Iterate, settings: Settings) -> Iterate:
         by, length = "known diameter", settings.known_diameter
         mm, start, end = length
         apart = np.linalg.norm(own_pixel(iterate, start)[0] - own_pixel(iterate, end)[0])
-        if apart < LEAST_APART:
+        least = 2 * NEIGHBOURS + 1
+        if apart < least:
             raise ValueError(
                 f"the pixels {pixel_name(start)} and {pixel_name(end)} are {apart:.2g} px apart "
-                f"in the depth map, too near to measure by; at least {LEAST_APART} are needed"
+                f"in the depth map, too near to measure by; at least {least} are needed"
             )
         across = _surface_at(iterate, start) - _surface_at(iterate, end)
         factor = mm / float(np.linalg.norm(across))

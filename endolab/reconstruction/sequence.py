@@ -27,21 +27,20 @@ from endolab.solvers.result import Iterate, Result
 from endolab.solvers.solvers import DEFAULT_SOLVER, options_of
 
 Picture = Frame | FloatArray | ValueError
-INDEPENDENT = 100.0  # as many of the pixels that are compared tell their own story
 
 
 @dataclass(frozen=True, eq=False)
-class Carried:
+class State:
     """All that a frame hands to the next: with it a sequence goes on as if it had hardly been left."""
 
-    # Of which `take_up` knows only the surface, its unit, and whether it is cut.
+    # Of which `restore` knows only the surface, its unit, and whether it is cut.
     result: Result
-    light: float  # how bright the picture was, see `_light`
-    least: float  # energy of the last cold start
-    age: int  # frames since
+    brightness: float  # of the picture, see `_brightness`
+    cold_energy: float  # of the last cold start
+    frames_since: int
 
     @classmethod
-    def take_up(
+    def restore(
         cls,
         distance: FloatArray,
         row: Mapping[str, Any],
@@ -66,7 +65,9 @@ class Carried:
         )
         iterate = Iterate(problem, 0, freeze(np.log(distance, dtype=np.float64)))
         result = Result(iterate, Status.CONVERGED, [], 0.0)
-        return cls(result, _light(frame, calibration.photometry.gamma), row["energy"], 1)
+        return cls(
+            result, _brightness(frame, calibration.photometry.gamma), row["energy"], 1
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,14 +81,14 @@ class Step:
     warm: bool = False  # whether the result was started from the last frame's
     seconds: float = 0.0  # what the frame took, a second try from cold included
     # What the next frame takes up; None if there is an error.
-    carried: Carried | None = None
+    state: State | None = None
 
 
 def reconstruct_sequence(
     frames: Iterable[tuple[str, Picture]],
     calibration: Calibration,
     *,
-    before: Carried | None = None,
+    before: State | None = None,
     **options: Any,
 ) -> Iterator[Step]:
     """Reconstruct the frames of a video, one after the other.
@@ -103,8 +104,8 @@ def reconstruct_sequence(
         Names and pictures, as `endolab.open_frames` gives them; what says why for one that cannot be read.
     calibration : Calibration
         For pictures of that size.
-    before : Carried, optional
-        `Step.carried` of the frame before the first, with which all goes on as if there had hardly been a
+    before : State, optional
+        `Step.state` of the frame before the first, with which all goes on as if there had hardly been a
         break.
     **options
         See `endolab.reconstruct`. What fixes the scale, such as `median_distance`, is said of the
@@ -127,21 +128,21 @@ def reconstruct_sequence(
     Settings(**lengths)  # checks them
     is_of_the_first_alone = lengths["median_distance"] is None and any(lengths.values())
     can_start = "start" in options_of(options.get("solver", DEFAULT_SOLVER))
-    carried = before
+    state = before
     known = calibration.evidence
     for index, (name, picture) in enumerate(frames):
         started = time.perf_counter()
         step = Step(index, name, None)
         try:
             frame = as_frame(name, picture)
-            size = None if carried is None else carried.result.report.picture_size
+            size = None if state is None else state.result.report.picture_size
             is_alike = size in (None, (frame.width, frame.height))
-            start = carried if can_start and is_alike else None
-            asked = options | (lengths if carried is None else {})
+            start = state if can_start and is_alike else None
+            asked = options | (lengths if state is None else {})
             believed = calibration
-            if carried is not None and carried.result.metric:
+            if state is not None and state.result.metric:
                 # By the usual distance lamps are placed.
-                median = float(np.nanmedian(carried.result.distance))
+                median = float(np.nanmedian(state.result.distance))
                 photometric = known.get("photometry", {}) | {"usual_distance": median}
                 believed = replace(
                     calibration, evidence=known | {"photometry": photometric}
@@ -149,19 +150,19 @@ def reconstruct_sequence(
             found, warm = _solve_next(frame, believed, start, asked)
             result = found.result
             iterate = result.iterate
-            if carried is not None:
-                factor = scale_between(carried.result, result)
+            if state is not None:
+                factor = scale_between(state.result, result)
                 if not (result.metric and np.isclose(factor, 1)):
-                    metric = carried.result.metric
+                    metric = state.result.metric
                     iterate = in_unit(iterate, factor, metric, scale="frame before")
         except (ValueError, OSError) as error:
             message = str(error) if name in str(error) else f"{name}: {error}"
-            if carried is None and is_of_the_first_alone:
+            if state is None and is_of_the_first_alone:
                 raise ValueError(message) from error  # another frame shows other places
             step = replace(step, error=message)
         else:
-            carried = replace(found, result=replace(result, iterate=iterate))
-            step = replace(step, result=carried.result, warm=warm, carried=carried)
+            state = replace(found, result=replace(result, iterate=iterate))
+            step = replace(step, result=state.result, warm=warm, state=state)
         yield replace(step, seconds=time.perf_counter() - started)
         if step.result is not None and step.result.status is Status.STOPPED:
             return
@@ -170,11 +171,11 @@ def reconstruct_sequence(
 def _solve_next(
     frame: Frame,
     calibration: Calibration,
-    before: Carried | None,
+    before: State | None,
     options: dict[str, Any],
-) -> tuple[Carried, bool]:
+) -> tuple[State, bool]:
     """Solve a frame from what the last one handed on, or anew; and say whether the former is the answer."""
-    light = _light(frame, calibration.photometry.gamma)
+    brightness = _brightness(frame, calibration.photometry.gamma)
     warm = None
     if before is not None:
         start = before.result
@@ -182,18 +183,24 @@ def _solve_next(
             # `reconstruct` takes a brighter picture of unknown gain for one of the same surface with more
             # gain, in a unit that is smaller; but the unit is tied to the picture's brightness, so that the
             # surface stays what it was.
-            moved = start.iterate.log_distance - 0.5 * np.log(light / before.light)
+            moved = start.iterate.log_distance - 0.5 * np.log(
+                brightness / before.brightness
+            )
             start = replace(start, iterate=replace(start.iterate, log_distance=moved))
         warm = reconstruct(frame, calibration, start=start, **options)
         is_good = (
-            warm.status.is_done and warm.energy <= 1.3 * before.least and before.age < 25
+            warm.status.is_done
+            and warm.energy <= 1.3 * before.cold_energy
+            and before.frames_since < 25
         )
         if is_good or warm.status is Status.STOPPED:
-            return Carried(warm, light, before.least, before.age + 1), True
+            return State(
+                warm, brightness, before.cold_energy, before.frames_since + 1
+            ), True
     cold = reconstruct(frame, calibration, **options)
     if warm is not None and warm.energy < cold.energy:
-        return Carried(warm, light, cold.energy, 1), True
-    return Carried(cold, light, cold.energy, 1), False
+        return State(warm, brightness, cold.energy, 1), True
+    return State(cold, brightness, cold.energy, 1), False
 
 
 def as_frame(name: str, picture: Picture) -> Frame:
@@ -205,7 +212,7 @@ def as_frame(name: str, picture: Picture) -> Frame:
     return Frame(picture, np.ones(np.shape(picture)[:2], dtype=bool), name)
 
 
-def _light(frame: Frame, gamma: float) -> float:
+def _brightness(frame: Frame, gamma: float) -> float:
     """Brightness of a picture: the median of its lit pixels, as light."""
     image = frame.image[frame.mask]
     lit = image[image > 0]
@@ -225,7 +232,7 @@ def scale_between(before: Result, result: Result) -> float:
     Prior beliefs are that log gain makes a random walk of 0.1 a frame, and that T, in
     median distances, and ω, in rad, are of the order 0.05. The maximum a posteriori is
     found by reweighting (Cauchy), because at folds the motion is none of the linear kind; the
-    pixels' errors are alike, so that all count as `INDEPENDENT` ones. Coming straight at a flat wall
+    pixels' errors are alike, so that all count as a hundred. Coming straight at a flat wall
     and turning up the gain look the same: then the priors divide the change between them. Where the gain is
     known, it alone tells.
     """
@@ -247,7 +254,8 @@ def scale_between(before: Result, result: Result) -> float:
     with np.errstate(invalid="ignore"):
         # A surface that turns away more says little of its place.
         good = (old > 0) & (new > 0) & (facing < -0.25)
-    if good.sum() < INDEPENDENT:
+    independent = 100.0
+    if good.sum() < independent:
         return by_gain
     old = old[good]
     n = n[good]
@@ -263,7 +271,7 @@ def scale_between(before: Result, result: Result) -> float:
         residual = y - a @ x
         spread = max(1.4826 * float(np.median(np.abs(residual))), 1e-4)
         weight = 1 / (1 + (residual / (2 * spread)) ** 2) / spread**2
-        weight *= min(1.0, INDEPENDENT / len(y))
+        weight *= min(1.0, independent / len(y))
         information = (weight * a.T) @ a + np.diag(prior_weight)
         x = np.linalg.solve(information, a.T @ (weight * y) + prior_weight * prior)
     return float(np.exp(x[0]))

@@ -37,6 +37,7 @@ import numpy as np
 from scipy.ndimage import binary_erosion, label
 
 from endolab.frames.highlights import extend
+from endolab.metrics.contrast import noise_left
 from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import check_int, excerpt
@@ -46,13 +47,12 @@ from endolab.numerics.noise import mean_weight
 from endolab.numerics.resampling import resample
 from endolab.numerics.stencils import links, px_per_reference
 from endolab.numerics.threads import limit_threads
-from endolab.reconstruction.contrast import noise_left
-from endolab.reconstruction.linearised import Linearised, on_fewer_pixels
 from endolab.reconstruction.lines import find_contours
 from endolab.reconstruction.prior_sigma import PriorSigma
 from endolab.reconstruction.scale import own_pixel
 from endolab.reconstruction.walls import Walls
 from endolab.solvers.gauss_newton import gauss_newton
+from endolab.solvers.linearised import Linearised, on_fewer_pixels
 from endolab.solvers.multigrid import Multigrid, multiply
 from endolab.solvers.normal_equations import Coefficients
 from endolab.solvers.problem import Problem
@@ -214,13 +214,13 @@ def follow_inflow(surface: Linearised) -> Callable[[FloatArray], FloatArray]:
     enters = surface.grid.inflow_pixels(pad_maps(surface.v))
     matrix = coefficients.matrix(1e-3)
     free = coefficients.active * pad_maps((~enters).astype(np.int8))
-    held = Multigrid(Coefficients(coefficients.parts, surface.grid.structure(free)))
+    fixed_inflow = Multigrid(Coefficients(coefficients.parts, surface.grid.structure(free)))
 
     def follow(change: FloatArray) -> FloatArray:
         given = pad_maps(np.where(enters, change, 0.0))
         pulled = np.zeros_like(given)
         multiply(matrix, given, pulled)
-        x = held.solve(-pulled * free, *surface.accuracy)[0]
+        x = fixed_inflow.solve(-pulled * free, *surface.accuracy)[0]
         return np.asarray(inner(given + x))
 
     return follow

@@ -103,10 +103,10 @@ def _fill_exchange(
                 k = 1
                 # In a picture 1/distance is nearly linear along a straight chord.
                 while k < cells:
-                    way = k / cells  # fraction of the chord
-                    i_at = int(row + way * down + 0.5)
-                    j_at = int(column + way * across + 0.5)
-                    if nearness + way * change < limit[i_at, j_at]:
+                    part = k / cells  # of the chord
+                    i_at = int(row + part * down + 0.5)
+                    j_at = int(column + part * across + 0.5)
+                    if nearness + part * change < limit[i_at, j_at]:
                         break
                     k += 1
                 if k >= cells:

@@ -50,8 +50,8 @@ def largest_fragments(
     # Of equals that nearer the picture's middle: it lies behind the other, most often. Of halves on either
     # side of the middle that which hangs by more links, so that a mirrored picture has the mirrored parts.
     away = (rows - (height - 1) / 2) ** 2 + (columns - (width - 1) / 2) ** 2
-    held = link[0] + link[1] + shift(link[0], -1, 1, 0) + shift(link[1], -1, 0, 0)
-    size = active[rows, columns] * (1 - 1e-9 * away + 1e-12 * held[rows, columns])
+    link_count = link[0] + link[1] + shift(link[0], -1, 1, 0) + shift(link[1], -1, 0, 0)
+    size = active[rows, columns] * (1 - 1e-9 * away + 1e-12 * link_count[rows, columns])
     sizes = [(size * (part == label)).sum(axis=0) for label in range(4)]
     out = active.copy()
     out[rows, columns] *= part == np.argmax(sizes, axis=0)

@@ -26,49 +26,10 @@ from endolab.solvers.multigrid import Multigrid, dot
 from endolab.solvers.normal_equations import Coefficients
 from endolab.solvers.problem import Problem
 
-
-@dataclass(frozen=True)
-class Descent:
-    """The constants of the method, chosen by hand; the tests of `gauss_newton` hold what they lead to.
-
-    Damping is added to the diagonal, as a fraction of what the data put there without slant. It grows by
-    `damping_factor` with every step of which less than half lowered the energy, and falls by it with a whole
-    one. Cut surfaces need it: what hangs together by little is to move far otherwise.
-    """
-
-    # log d that a pixel moves in a step, at most: a factor of 1.65 in distance.
-    longest_step: float = 0.5
-    shortest_length: float = 2.0**-6  # of a step, below which the search along it gives up
-    slope_relief: float = 0.25  # what remains of the damping of slopes after a whole step
-    rounding: float = 1e-24  # an energy as small as that of residuals of 1e-12
-    least_damping: float = 1e-3
-    raised_damping: float = 1.0  # the least after less than half of a step
-    most_damping: float = 1e3
-    damping_factor: float = 4.0
-    inner_precision: float = 0.15  # residual that conjugate gradients leave
-    inner_steps: int = 20  # of conjugate gradients, at most
-    # Ratio of a fall of the energy to the one before: as is believed at first, and at most.
-    first_rate: float = 0.65
-    most_rate: float = 0.95
-    least_size: int = 24  # rows and columns of the coarsest grid
-    # Multiples of λ on the coarsest grid, one after the other.
-    continuation: tuple[float, ...] = (10.0, 3.0, 1.0)
-    coarse_steps: int = 4  # on each of the coarser grids
-    # How often the grid is halved to see whether a start is near: one that may be from anywhere, and the
-    # surface of a like problem, as of fewer pixels. It is near if its energy there is no more than
-    # `start_excess` times the energy after one step.
-    start_halvings: int = 2
-    like_halvings: int = 1
-    start_excess: float = 1.2
-    # Of a look: how near its first surface comes to where it ends, and steps of conjugate gradients in each
-    # of its own afterwards.
-    look_tolerance: float = 1e-2
-    look_inner_steps: int = 2
-    # By what fraction energies of one map differ, once distances were in another unit.
-    same_energy: float = 1e-9
-
-
-DESCENT = Descent()
+# An energy as small as that of residuals of 1e-12.
+LEAST_ENERGY = 1e-24
+# Ratio of a fall of the energy to the one before, as is believed at most.
+MOST_RATE = 0.95
 
 
 class Step(NamedTuple):
@@ -89,9 +50,14 @@ class Step(NamedTuple):
 
 @dataclass(eq=False)
 class Memory:
-    """What a step hands on to the next one."""
+    """What a step hands on to the next one.
 
-    damping: float = DESCENT.least_damping
+    Damping is added to the diagonal, as a fraction of what the data put there without slant. It grows
+    fourfold with every step of which less than half lowered the energy, to 1 at least, and falls so with a
+    whole one. Cut surfaces need it: what hangs together by little is to move far otherwise.
+    """
+
+    damping: float = 1e-3
     slants: FloatArray | None = None  # tan² of a likely step: its last ones' geometric mean
     coefficients: Coefficients | None = (
         None  # whose room is used again, as is the multigrid's
@@ -102,16 +68,14 @@ class Memory:
         """Take over from a step; of what was solved, tan² of the slope is `slants`."""
         self.coefficients = coefficients
         self.damping = step.damping
-        factor = DESCENT.damping_factor
         if step.length < 0.5:
-            raised = max(factor * step.damping, DESCENT.raised_damping)
-            self.damping = min(raised, DESCENT.most_damping)
+            self.damping = float(np.clip(4 * step.damping, 1.0, 1e3))
         elif step.length == 1:
-            self.damping = max(step.damping / factor, DESCENT.least_damping)
+            self.damping = max(step.damping / 4, Memory.damping)
         if step.length > 0:
             if self.slants is not None:
                 slants = np.sqrt(slants * self.slants)
-            self.slants = slants * (DESCENT.slope_relief if step.length == 1 else 1.0)
+            self.slants = slants * (0.25 if step.length == 1 else 1.0)
 
 
 def evaluate(grid: Grid, v: FloatArray, lam: float) -> Step:
@@ -125,27 +89,26 @@ def descend(
     now: Step,
     lam: float,
     memory: Memory | None = None,
-    inner_steps: int = DESCENT.inner_steps,
+    inner_steps: int = 20,
 ) -> Iterator[Step]:
     """Gauss-Newton steps from a map on, none of which raises the energy, without end.
 
     Of each, the equations of `normal_equations` are solved for δ, v goes to v + s δ, and what is still to be
     gained is told: the quadratic's promise ½ bᵀδ, or what falls at the rate of the last ones sum to.
+    Conjugate gradients take `inner_steps` at most.
     """
     memory = memory or Memory()
     fall = np.nan
-    rate = DESCENT.first_rate
+    rate = 0.65  # as is believed at first
     while True:
         before = now
         coefficients, b = grid.equations_at(
             before.v, lam, memory.slants, memory.coefficients
         )
         # A step of which no length lowers the energy is solved once more, held back by more damping.
-        for damping in (memory.damping, max(10 * memory.damping, DESCENT.raised_damping)):
+        for damping in (memory.damping, max(10 * memory.damping, 1.0)):
             multigrid = Multigrid(coefficients, damping, memory.multigrid)
-            delta, inner, unsolved = multigrid.solve(
-                b, DESCENT.inner_precision, inner_steps
-            )
+            delta, inner, unsolved = multigrid.solve(b, 0.15, inner_steps)
             promise = max(0.5 * dot(b, delta) / grid.count, 0.0)
             now = line_search(grid, before, lam, delta, promise)
             memory.multigrid = multigrid
@@ -156,7 +119,7 @@ def descend(
             last_fall = fall
             fall = before.energy - now.energy
             if not np.isnan(last_fall):
-                rate = (rate + min(fall / last_fall, DESCENT.most_rate)) / 2
+                rate = (rate + min(fall / last_fall, MOST_RATE)) / 2
             further = falls_to_come(fall, rate, promise if now.length == 1 else 0.0)
             to_come = max(to_come, further)
         now = now._replace(to_come=to_come, damping=damping, inner=inner)
@@ -173,13 +136,14 @@ def line_search(
     A step that is cut off at the longest is another one: where it fails, all of it is shortened.
     """
     longest = float(np.abs(delta).max())
-    steps = [np.clip(delta, -DESCENT.longest_step, DESCENT.longest_step)]
-    if longest > DESCENT.longest_step:
-        steps.append(delta * (DESCENT.longest_step / longest))
+    most = 0.5  # of log d that a pixel moves: a factor of 1.65 in distance
+    steps = [np.clip(delta, -most, most)]
+    if longest > most:
+        steps.append(delta * (most / longest))
     for step in steps:
         lowest = start._replace(length=0.0)
         length = 1.0
-        while length >= DESCENT.shortest_length:
+        while length >= 2.0**-6:
             tried = evaluate(grid, start.v + length * step, lam)._replace(length=length)
             if tried.energy < lowest.energy:
                 lowest = tried
@@ -195,7 +159,7 @@ def line_search(
 
 def has_converged(step: Step, tolerance: float) -> bool:
     """Whether no more than this fraction of the energy is left to fall."""
-    return step.to_come <= tolerance * step.energy + DESCENT.rounding
+    return step.to_come <= tolerance * step.energy + LEAST_ENERGY
 
 
 def falls_to_come(fall: float, rate: float, promise: float) -> float:
@@ -206,7 +170,7 @@ def falls_to_come(fall: float, rate: float, promise: float) -> float:
     remains, and q² of the fall.
     """
     if fall > promise > 0:
-        rate = max(rate, min(fall / promise - 1, DESCENT.most_rate) ** 2)
+        rate = max(rate, min(fall / promise - 1, MOST_RATE) ** 2)
     return fall * rate / (1 - rate)
 
 
@@ -221,4 +185,4 @@ def energy_left(problem: Problem, log_distance: FloatArray) -> float:
     v = pad_maps(np.where(problem.mask, log_distance, 0.0))
     start = Step(v, grid.terms(v, problem.lam))
     step = next(descend(grid, start, problem.lam))
-    return (start.energy - step.energy) / max(start.energy, DESCENT.rounding)
+    return (start.energy - step.energy) / max(start.energy, LEAST_ENERGY)

@@ -93,14 +93,19 @@ def _root(terms: Terms, low: float, y0: float, table: Table) -> float:
 
 @kernel
 def _difference(
-    value: FloatArray, order: IntArray, ways: BitArray, neighbour: int, k: int, width: int
+    value: FloatArray,
+    order: IntArray,
+    reachable: BitArray,
+    neighbour: int,
+    k: int,
+    width: int,
 ) -> tuple[Difference, float]:
     """Difference of a pixel to its accepted k-th neighbour, and that one's value.
 
     First order: neighbour - y. Second order: 2 neighbour - next/2 - 3y/2, if the next pixel out
     can be stepped to, is accepted and lower.
     """
-    if ways[neighbour] >> k & 1:
+    if reachable[neighbour] >> k & 1:
         far = neighbour + _NEIGHBOURS[k, 0] * width + _NEIGHBOURS[k, 1]
         if order[far] >= 0 and value[far] <= value[neighbour]:
             return (-1.5, 2 * value[neighbour] - 0.5 * value[far]), value[neighbour]
@@ -159,7 +164,7 @@ def _advance(
     value: FloatArray,
     order: IntArray,
     fixed: BoolArray,
-    ways: BitArray,
+    reachable: BitArray,
     y0: FloatArray,
     metric: FloatArray,
     table: Table,
@@ -177,7 +182,7 @@ def _advance(
             continue
         order[accepted] = count
         count += 1
-        seen = ways[accepted]
+        seen = reachable[accepted]
         for k in range(8):
             if not seen >> (k + 4 & 7) & 1:
                 continue
@@ -192,7 +197,7 @@ def _advance(
             gvv = inverse_metric[pixel, 2]
             g = (guu, guv, gvv)
             a = (_NEIGHBOURS[k, 1], _NEIGHBOURS[k, 0])
-            along_a, ya = _difference(value, order, ways, accepted, k, width)
+            along_a, ya = _difference(value, order, reachable, accepted, k, width)
             nearness = (guu * gvv - guv * guv) / (
                 gvv * a[0] * a[0] - 2 * guv * a[0] * a[1] + guu * a[1] * a[1]
             )
@@ -206,13 +211,13 @@ def _advance(
                 # All three sides of the triangle: y is interpolated along the third too.
                 j = k + side & 7
                 third = k + side * (2 + (k & 1)) & 7
-                if not ways[pixel] >> j & seen >> third & 1:
+                if not reachable[pixel] >> j & seen >> third & 1:
                     continue
                 other = pixel + _NEIGHBOURS[j, 0] * width + _NEIGHBOURS[j, 1]
                 if order[other] < 0:
                     continue
                 b = (_NEIGHBOURS[j, 1], _NEIGHBOURS[j, 0])
-                along_b, yb = _difference(value, order, ways, other, j, width)
+                along_b, yb = _difference(value, order, reachable, other, j, width)
                 low = max(ya, yb)
                 y = _across_triangle(a, b, along_a, along_b, low, g, limit, table)
                 if np.isnan(y):
@@ -224,7 +229,7 @@ def _advance(
                 heappush(heap, (least, pixel))
 
 
-def _ways(mask: BoolArray, cuts: BoolArray | None) -> BitArray:
+def _reachable_neighbours(mask: BoolArray, cuts: BoolArray | None) -> BitArray:
     """Bit k of a pixel, (H, W) uint8: whether it and its k-th neighbour (`_NEIGHBOURS`) may see each other.
 
     A diagonal step cuts the corner of two steps: where there are cuts, one of the two ways around
@@ -254,14 +259,14 @@ def _ways(mask: BoolArray, cuts: BoolArray | None) -> BitArray:
     return np.packbits(np.stack(turns), axis=0, bitorder="little")[0]
 
 
-def _is_lowest_around(y0: FloatArray, mask: BoolArray, ways: BitArray) -> BoolArray:
+def _is_lowest_around(y0: FloatArray, mask: BoolArray, reachable: BitArray) -> BoolArray:
     """Where no neighbour that may be seen is lower."""
     padded = np.pad(y0, 1)
     height, width = y0.shape
     lowest = mask.copy()
     for k, (r, c) in enumerate(_NEIGHBOURS):
         lowest &= (y0 <= padded[1 + r : 1 + r + height, 1 + c : 1 + c + width]) | (
-            ways >> k & 1 == 0
+            reachable >> k & 1 == 0
         )
     return lowest
 
@@ -280,8 +285,8 @@ def march(
     v = log d, (H, W), and when each pixel was reached: 0, 1, 2, ...; d₀, an upper bound, and -1 elsewhere.
     """
     y0 = np.where(mask, np.exp(2 * log_d0), 1.0)
-    ways = _ways(mask, cuts)
-    value = np.where(_is_lowest_around(y0, mask, ways), y0, np.inf).ravel()
+    reachable = _reachable_neighbours(mask, cuts)
+    value = np.where(_is_lowest_around(y0, mask, reachable), y0, np.inf).ravel()
     fixed = np.zeros(value.shape, dtype=bool)
     if inflow is not None:
         fixed = (mask & ~np.isnan(inflow)).ravel()
@@ -289,5 +294,5 @@ def march(
     order = np.full(y0.shape, -1)
     table = table or (np.empty(0), np.empty(0))
     metric = np.ascontiguousarray(metric)
-    _advance(value, order.ravel(), fixed, ways.ravel(), y0, metric, table)
+    _advance(value, order.ravel(), fixed, reachable.ravel(), y0, metric, table)
     return 0.5 * np.log(np.where(order >= 0, value.reshape(y0.shape), y0)), order

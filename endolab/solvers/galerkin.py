@@ -137,7 +137,7 @@ def _row_and_weight(i: int, k: int) -> tuple[int, float]:
 @kernel
 def _add_value(
     value: float,
-    way: Interpolation,
+    interpolation: Interpolation,
     i: int,
     j: int,
     sums: FloatArray,
@@ -148,7 +148,7 @@ def _add_value(
 
     Pixels beside cuts and rims bring the same once more, and count half.
     """
-    regular, starts, _, block_row, block_column, weight = way
+    regular, starts, _, block_row, block_column, weight = interpolation
     if regular[i, j] > 0:
         for k in range(2):
             row, by_row = _row_and_weight(i, k)
@@ -190,14 +190,14 @@ def _add_between(
 @kernel
 def _add_special(
     m: FloatArray,
-    way: Interpolation,
+    interpolation: Interpolation,
     i: int,
     rows: Span,
     sums: FloatArray,
     out: FloatArray,
 ) -> None:
     """Add what the pixels of a row beside cuts and rims couple; `sums` is room for a row of A P."""
-    regular, starts, _, block_row, block_column, weight = way
+    regular, starts, _, block_row, block_column, weight = interpolation
     width = regular.shape[1]
     if starts[i * width] == starts[(i + 1) * width]:
         return
@@ -208,7 +208,7 @@ def _add_special(
         if start == end:
             continue
         first = PAD + (j - PAD) // 2 - REACH
-        _add_value(m[0, i, j], way, i, j, sums, top, first)
+        _add_value(m[0, i, j], interpolation, i, j, sums, top, first)
         for entry in range(1, len(m)):
             down, right = OFFSETS[entry]
             for side in (1, -1):
@@ -216,7 +216,7 @@ def _add_special(
                 column = j + side * right
                 value = m[entry, i, j] if side == 1 else m[entry, row, column]
                 if value != 0:
-                    _add_value(value, way, row, column, sums, top, first)
+                    _add_value(value, interpolation, row, column, sums, top, first)
         for y in range(sums.shape[0]):
             for x in range(sums.shape[1]):
                 value = sums[y, x]
@@ -230,9 +230,11 @@ def _add_special(
 
 
 @on_cores(cost=120)
-def coarsen(rows: Span, out: FloatArray, m: FloatArray, way: Interpolation) -> None:
+def coarsen(
+    rows: Span, out: FloatArray, m: FloatArray, interpolation: Interpolation
+) -> None:
     """Write the matrix of the blocks, (13, ...), of a matrix (7 or 13, ...) of the pixels, in these rows."""
-    regular = way.regular
+    regular = interpolation.regular
     for k in range(len(out)):
         for i in range(rows[0], rows[1]):
             clear_row(out[k, i])
@@ -248,4 +250,4 @@ def coarsen(rows: Span, out: FloatArray, m: FloatArray, way: Interpolation) -> N
                 _pixels_of_entry(m, regular, i, dy, dx, pixels[dx + 2])
             _sum_along(pixels, to_right, b[dy])
         _sum_down(b, i, rows, summed, out)
-        _add_special(m, way, i, rows, around, out)
+        _add_special(m, interpolation, i, rows, around, out)

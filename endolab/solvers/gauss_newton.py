@@ -26,7 +26,6 @@ from endolab.numerics.checks import check_int, number
 from endolab.numerics.compiled import inner, pad_maps
 from endolab.numerics.iteration import Status
 from endolab.solvers.descent import (
-    DESCENT,
     Memory,
     Step,
     descend,
@@ -39,17 +38,20 @@ from endolab.solvers.result import Iterate, Solver
 
 
 def settle(steps: Iterator[Step], tolerance: float) -> Step:
-    """Take up to `Descent.coarse_steps` steps."""
-    for step in islice(steps, DESCENT.coarse_steps):
+    """Take up to four steps, as on each of the coarser grids."""
+    for step in islice(steps, 4):
         if step.length == 0 or has_converged(step, tolerance):
             break
     return step
 
 
 def _coarsen(grid: Grid, most: float = np.inf) -> list[Grid]:
-    """Return the grid and `most` coarser ones, each of half the rows and columns of the one before."""
+    """Return the grid and `most` coarser ones, each of half the rows and columns of the one before.
+
+    The coarsest has 24 rows and columns or more.
+    """
     grids = [grid]
-    while len(grids) <= most and min(grids[-1].mask.shape) >= 2 * DESCENT.least_size:
+    while len(grids) <= most and min(grids[-1].mask.shape) >= 48:
         grids.append(grids[-1].coarser)
     return grids
 
@@ -77,7 +79,7 @@ def _starts(grids: list[Grid], tolerance: float) -> Iterator[Step]:
         if level == 0:
             yield state
             return
-        for factor in DESCENT.continuation if grid is coarsest else (1.0,):
+        for factor in (10.0, 3.0, 1.0) if grid is coarsest else (1.0,):
             start = evaluate(grid, state.v, factor * lam)
             state = settle(descend(grid, start, factor * lam), tolerance)
         v = shown = grids[level - 1].interpolate(state.v)
@@ -89,7 +91,10 @@ def _starts(grids: list[Grid], tolerance: float) -> Iterator[Step]:
 def _adapt_start(
     finest: Grid, start: FloatArray, tolerance: float, halvings: int
 ) -> FloatArray:
-    """Return the start if it is near, or what ever finer grids make of it."""
+    """Return the start if it is near, or what ever finer grids make of it.
+
+    It is near if its energy on the coarsest is no more than 1.2 times that after one step.
+    """
     lam = finest.problem.lam
     grids = _coarsen(finest, halvings)
     if len(grids) == 1:
@@ -100,7 +105,7 @@ def _adapt_start(
     coarsest = grids[-1]
     begun = evaluate(coarsest, starts[-1], lam)
     steps = descend(coarsest, begun, lam)
-    if begun.energy <= DESCENT.start_excess * next(steps).energy:
+    if begun.energy <= 1.2 * next(steps).energy:
         return start
     state = settle(steps, tolerance)
     for level in range(len(grids) - 2, -1, -1):
@@ -125,13 +130,14 @@ def gauss_newton(
     max_iterations: int = 30,
     settled: float = 0.0,
     converged_at: float = np.nan,
-    halvings: int = DESCENT.start_halvings,
+    halvings: int = 2,
 ) -> Solver:
     """Minimise the energy by Gauss-Newton steps; see the head of this file.
 
     `start` (H, W) is log d to start from, of an earlier result say: then there is no march, and coarser grids
     are used only if it is far from the frame's surface. A grid that is halved so many times, `halvings`,
-    tells whether it is; 0 if it is known to be near. `inflow` is log d where it is known, nan elsewhere, and
+    tells whether it is: 2 for a start from anywhere, 1 for the surface of a like problem, as of fewer pixels,
+    0 for one that is known to be near. `inflow` is log d where it is known, nan elsewhere, and
     is kept. The run has converged when by the last steps no more than `tolerance` times the energy is
     left to fall: their quadratics promise no more, the inner solver left no more of them, and falls at the
     rate of the last ones sum to no more. That is an estimate: where an energy creeps, hundreds of further
@@ -167,8 +173,9 @@ def gauss_newton(
         state = evaluate(finest, v, lam)
         iterate = show(state)
         yield iterate
-        difference = abs(state.energy - converged_at)
-        if max_iterations > 0 and difference <= DESCENT.same_energy * state.energy:
+        # In another unit of distance energies of one map differ by so much.
+        is_same = abs(state.energy - converged_at) <= 1e-9 * state.energy
+        if max_iterations > 0 and is_same:
             tried = next(descend(finest, state, lam))
             if has_converged(tried, tolerance):
                 return Status.CONVERGED
@@ -223,7 +230,7 @@ class Look:
         if is_minimum:
             begun = evaluate(self._coarse, self._v, problem.lam)
             steps = descend(self._coarse, begun, problem.lam, self._memory)
-            self._v = settle(steps, DESCENT.look_tolerance).v
+            self._v = settle(steps, 1e-2).v
         self.start_from(surface)
 
     def start_from(self, surface: Iterate) -> None:
@@ -262,10 +269,7 @@ class Look:
         self._v, self._start = self._v + coarse, self._start + coarse
         self._fine_start = self._fine_start + fine
         now = evaluate(self._coarse, self._v, problem.lam)
-        steps = descend(
-            self._coarse, now, problem.lam, self._memory, DESCENT.look_inner_steps
-        )
-        found = next(steps)
+        found = next(descend(self._coarse, now, problem.lam, self._memory, inner_steps=2))
         self._v = found.v
         v = self._fine_start + self._fine.interpolate(self._v - self._start)
         return Iterate.of(problem, inner(v), terms=found.terms)

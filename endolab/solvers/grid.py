@@ -164,12 +164,12 @@ class Grid(Structure):
 
     def interpolate(self, v: FloatArray) -> FloatArray:
         """A map of the coarser grid on this one."""
-        way = self.way
+        interpolation = self.interpolation
         out = np.zeros(self.active.shape)
-        way.add(v, out)
+        interpolation.add(v, out)
         if self.is_cut:
-            is_alone = np.diff(way.start).reshape(out.shape) == 0
-            i, j = np.nonzero((self.active > 0) & (way.regular == 0) & is_alone)
+            is_alone = np.diff(interpolation.start).reshape(out.shape) == 0
+            i, j = np.nonzero((self.active > 0) & (interpolation.regular == 0) & is_alone)
             out[i, j] = v[PAD + (i - PAD) // 2, PAD + (j - PAD) // 2]
             left_out = (self.active > 0) & (self.main == 0)
             out[left_out] = np.minimum(out, pad_maps(self.log_d0))[left_out]
@@ -243,13 +243,13 @@ class Grid(Structure):
         return pad_maps(np.where(mask, v, 0.0))
 
     @cached_property
-    def _room(self) -> FloatArray:
+    def _workspace(self) -> FloatArray:
         """Memory for ξ and two maps of `equations_at`: fresh pages take longer than what is written there."""
         return np.empty((3, *self.image.shape))
 
     def _xi(self, v: FloatArray) -> FloatArray:
         """ξ/ξ̃, until the next call."""
-        xi = self._room[0]
+        xi = self._workspace[0]
         fill_xi(v, self.factor, self.active, 1.0 if self.problem.xi == "d" else -1.0, xi)
         return xi
 
@@ -313,7 +313,7 @@ class Grid(Structure):
         the next call.
         """
         parts = np.zeros((PARTS, *v.shape)) if old is None else old.parts
-        xi, (_, descent, smooth) = self._xi(v), self._room
+        xi, (_, descent, smooth) = self._xi(v), self._workspace
         sign = 1.0 if self.problem.xi == "d" else -1.0
         linearise(descent, smooth, parts, v, xi, *self._energy(lam))
         np.multiply(xi, sign, out=parts[SLOPE])

@@ -71,18 +71,18 @@ def restrict(
 
 
 @kernel
-def _add_up(way: Interpolation, step: FloatArray, x: FloatArray) -> None:
+def _add_up(interpolation: Interpolation, step: FloatArray, x: FloatArray) -> None:
     """x += the blocks' step, for pixels beside rims and cuts."""
-    _, _, pixel, row, column, weight = way
+    _, _, pixel, row, column, weight = interpolation
     values = x.reshape(-1)
     for k in range(pixel.size):
         values[pixel[k]] += weight[k] * step[row[k], column[k]]
 
 
 @kernel
-def _add_down(way: Interpolation, r: FloatArray, out: FloatArray) -> None:
+def _add_down(interpolation: Interpolation, r: FloatArray, out: FloatArray) -> None:
     """Adjoint of `_add_up`."""
-    _, _, pixel, row, column, weight = way
+    _, _, pixel, row, column, weight = interpolation
     values = r.ravel()
     for k in range(pixel.size):
         out[row[k], column[k]] += weight[k] * values[pixel[k]]
@@ -96,12 +96,15 @@ def _fill(
     blocks: ByteArray,
     block_link: ByteArray,
     cut: BoolArray,
-    way: Interpolation,
+    interpolation: Interpolation,
 ) -> int:
     """Write the way from blocks to pixels; return how many weights it has beside rims and cuts."""
-    regular, start, pixel, block_row, block_column, weight = way
+    regular, start, pixel, block_row, block_column, weight = interpolation
     height, width = regular.shape
     count = 0
+    near = np.empty(
+        4, np.bool_
+    )  # the block that it lies in, and those beside, below and diagonal
     for i in range(height):
         down = 2 * ((i - PAD) % 2) - 1
         ci = PAD + (i - PAD) // 2
@@ -123,23 +126,23 @@ def _fill(
                 below = link[1, i + top, j] > 0 and main[i + down, j] > 0
             diagonal = beside and not cut[1, ci + top, cj + right]
             diagonal = diagonal or (below and not cut[0, ci + down, cj + left])
-            own = main[i, j] > 0 and blocks[ci, cj] > 0
-            beside = beside and blocks[ci, cj + right] > 0
-            below = below and blocks[ci + down, cj] > 0
-            diagonal = diagonal and blocks[ci + down, cj + right] > 0
-            if own and beside and below and diagonal:
+            near[0] = main[i, j] > 0 and blocks[ci, cj] > 0
+            near[1] = beside and blocks[ci, cj + right] > 0
+            near[2] = below and blocks[ci + down, cj] > 0
+            near[3] = diagonal and blocks[ci + down, cj + right] > 0
+            if near.all():
                 regular[i, j] = 1 / 16
                 continue
 
             # The nearest of them, which may be two
-            if own or not (beside or below):
-                first = 0 if own else 3 if diagonal else 4
-                last = first
-            else:
-                first = 1 if beside else 2
-                last = 2 if below else 1
-            of_each = 1.0 if first == last else 0.5
-            for k in range(first, min(last, 3) + 1):
+            if near[0]:
+                near[1:] = False
+            elif near[1] or near[2]:
+                near[3] = False
+            of_each = 1 / max(near.sum(), 1)
+            for k in range(4):
+                if not near[k]:
+                    continue
                 row = ci + (down if k > 1 else 0)
                 column = cj + (right if k % 2 else 0)
                 # Where the pixel is from the block's centre, in blocks
@@ -231,10 +234,10 @@ class Structure:
         return {}
 
     @cached_property
-    def way(self) -> Interpolation:
+    def interpolation(self) -> Interpolation:
         """Linear interpolation from the coarser grid."""
         most = 6 * np.count_nonzero(self.active)
-        way = Interpolation(
+        interpolation = Interpolation(
             regular=np.zeros(self.active.shape),
             start=np.empty(self.active.size + 1, np.int64),
             pixel=np.empty(most, np.int64),
@@ -245,7 +248,13 @@ class Structure:
         blocks = self.coarser
         cut = blocks.link < blocks.uncut_links
         count = _fill(
-            self.active, self.main, self.link, blocks.active, blocks.link, cut, way
+            self.active,
+            self.main,
+            self.link,
+            blocks.active,
+            blocks.link,
+            cut,
+            interpolation,
         )
-        strands: Any = [part[:count].copy() for part in way[2:]]
-        return Interpolation(way.regular, way.start, *strands)
+        others: Any = [part[:count].copy() for part in interpolation[2:]]
+        return Interpolation(interpolation.regular, interpolation.start, *others)

@@ -214,7 +214,7 @@ class _Level:
     def correct(self, coarse: FloatArray) -> None:
         """Add a coarser grid's correction, and smooth x."""
         self.steps[0][:] = 0.0
-        self.structure.way.add(coarse, self.steps[0])
+        self.structure.interpolation.add(coarse, self.steps[0])
         _smooth(self.x, self.r, self.left, self.matrix, self.inverse, *self.steps, 0)
         self.x += self.steps[2]
 
@@ -233,7 +233,7 @@ class Multigrid:
     ) -> None:
         structure = coefficients.structure
         if old is None or old.levels[0].structure is not structure:
-            self.room = np.empty((3, *structure.active.shape))
+            self.workspace = np.empty((3, *structure.active.shape))
             self.levels: list[_Level] = [_Level(structure, SEE)]
             # So few are solved as they are. Of usual pictures these are 20×15, each a whole number of times
             # halved: a row that is left over at one end would know left from right.
@@ -241,12 +241,12 @@ class Multigrid:
                 structure = structure.coarser
                 self.levels.append(_Level(structure, len(OFFSETS)))
         else:
-            self.room = old.room
+            self.workspace = old.workspace
             self.levels = old.levels
         coefficients.matrix(damping, self.levels[0].matrix)
         for level, coarser in pairwise(self.levels):
             _invert_sums(level.inverse, level.matrix, level.structure.active)
-            coarsen(coarser.matrix, level.matrix, level.structure.way)
+            coarsen(coarser.matrix, level.matrix, level.structure.interpolation)
         coarsest = self.levels[-1]
         self.factor = _factorise(coarsest.matrix, coarsest.structure.active)
         self.places = np.flatnonzero(coarsest.structure.active)
@@ -261,7 +261,7 @@ class Multigrid:
             return
         at.begin()
         below = self.levels[depth + 1]
-        at.structure.way.adjoint(at.r, below.structure.active, below.b)
+        at.structure.interpolation.adjoint(at.r, below.structure.active, below.b)
         self._cycle(depth + 1)
         at.correct(below.x)
 
@@ -276,8 +276,8 @@ class Multigrid:
         and that fraction.
         """
         top = self.levels[0]
-        x, direction, product = self.room
-        self.room[:] = 0.0
+        x, direction, product = self.workspace
+        self.workspace[:] = 0.0
         r = top.b
         r[:] = b
         start = 0.0

@@ -127,6 +127,14 @@ class Problem:
         canonical = self.photometry.canonical(self.image, self.field.cos_alpha)
         return -0.5 * np.log(np.where(self.mask, canonical, np.nan))
 
+    def in_units(self) -> Problem:
+        """Choose the gain, if it is not known, that makes the median of d₀ one unit."""
+        if self.metric:
+            return self
+        factor = 1 / float(np.median(np.exp(self.log_d0[self.mask])))
+        gain = (self.photometry.gain or 1.0) * factor**2
+        return replace(self, photometry=replace(self.photometry, gain=gain))
+
     @cached_property
     def noise(self) -> float:
         """Standard deviation of the image's noise, in stored values."""

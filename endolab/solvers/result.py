@@ -17,8 +17,8 @@ import numpy as np
 
 from endolab.model.surface import normals, points
 from endolab.numerics.arrays import BoolArray, FloatArray, freeze
-from endolab.numerics.checks import check_int
 from endolab.numerics.iteration import Status, close_observers, drive
+from endolab.numerics.resampling import resample
 from endolab.solvers.descent import energy_left
 from endolab.solvers.energy import energy_terms
 from endolab.solvers.problem import Problem
@@ -27,9 +27,6 @@ from endolab.solvers.provenance import Report
 # the stage whose answer counts, and the same in a known unit
 SOLUTION = "solution"
 SCALED = "scaled"
-# In any unit; beyond, it is a slip of the pen. Their squares are numbers in single precision, too.
-DISTANCES = (1e-12, 1e12)
-NOTHING = "the solver produced no depth map that is finite"
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,6 +112,20 @@ class Iterate:
         """Surface points in the camera frame, (H, W, 3), mm or relative; nan outside the mask."""
         return freeze(points(self.log_distance, self.problem.field))
 
+    def resample(self, problem: Problem) -> FloatArray:
+        """Return log d on a problem's grid, (H, W), at the scale of its gain; nan where unknown."""
+        maps = np.dstack([self.mask, np.where(self.mask, self.log_distance, 0.0)])
+        known, v = np.moveaxis(resample(maps, problem.mask.shape), -1, 0)
+        gain = problem.photometry.gain or 1.0
+        gain_before = self.problem.photometry.gain or 1.0
+        mean = np.divide(v, known, out=np.full(v.shape, np.nan), where=known > 0)
+        return mean + 0.5 * np.log(gain / gain_before)
+
+    def start_of(self, problem: Problem) -> FloatArray:
+        """Return log d on a problem's grid, (H, W), and log d₀ where it does not reach."""
+        v = self.resample(problem)
+        return np.where(np.isnan(v), problem.log_d0, v)
+
 
 Observer = Callable[[Iterate], bool | None]
 Found = TypeVar("Found")
@@ -150,8 +161,9 @@ class Result:
     stages: tuple[Stage, ...] = ()  # all, in order
 
     def __post_init__(self) -> None:
-        v, (least, most) = self.iterate.log_distance[self.mask], np.log(DISTANCES)
-        if not (np.all(v >= least) and np.all(v <= most)):
+        v = self.iterate.log_distance[self.mask]
+        # In any unit; beyond, it is a slip of the pen. Their squares are numbers in single precision, too.
+        if not np.all(np.abs(v) <= np.log(1e12)):
             with np.errstate(over="ignore"):
                 span = f"{np.exp(v.min()):.3g} to {np.exp(v.max()):.3g} {self.problem.unit}"
             cause = (
@@ -240,11 +252,7 @@ class _StageLog:
         return self.last if status.is_done else self.lowest
 
 
-def limit_steps(
-    steps: Solver,
-    max_iterations: int | None = None,
-    change: Callable[[Iterate], Iterate] = lambda iterate: iterate,
-) -> Solver:
+def limit_steps(steps: Solver, max_iterations: int | None = None) -> Solver:
     """Pass iterates on as long as they are finite and not too many."""
     try:
         while True:
@@ -255,7 +263,7 @@ def limit_steps(
                 return status
             if not np.all(np.isfinite(iterate.log_distance[iterate.mask])):
                 return Status.NON_FINITE
-            yield change(iterate)
+            yield iterate
             if (
                 max_iterations is not None
                 and iterate.stage == SOLUTION
@@ -267,26 +275,16 @@ def limit_steps(
 
 
 def name_stage(steps: Solver, stage: str, round: int = 0) -> Solving[Iterate]:
-    """Pass a solver's iterates on as those of a stage, and return the answer."""
-    logs: list[_StageLog] = []
-
-    def keep(iterate: Iterate) -> Iterate:
+    """Pass on the iterates of a solver whose energy only falls as those of a stage, and return the last."""
+    for iterate in steps:
         named = replace(iterate, stage=stage, round=round)
-        if not logs:
-            logs.append(_StageLog(named))
-        logs[0].add(named, 0.0)
-        return named
-
-    status = yield from limit_steps(steps, change=keep)
-    if not logs:
-        raise ValueError(NOTHING)
-    return logs[0].answer(status)
+        yield named
+    return named
 
 
 def run(
     iterates: Solver,
     observers: Iterable[Observer] = (),
-    max_iterations: int | None = None,
     last: Callable[[Iterate], Iterate] | None = None,
 ) -> Result:
     """Drive a solver to its end.
@@ -298,8 +296,6 @@ def run(
     observers : iterable of callables
         Each is shown every iterate; True stops the run. One that has a method ``close`` is
         closed at the end, however the run ends.
-    max_iterations : int, optional
-        The most steps to take after the start.
     last : callable, optional
         What is made of the answer, such as the same in mm; observers are shown it too.
 
@@ -308,8 +304,6 @@ def run(
     Result
         Also after a keyboard interrupt, if there is an iterate to return.
     """
-    if max_iterations is not None:
-        check_int("max_iterations", max_iterations)
     logs: list[_StageLog] = []
     stages: list[Stage] = []
 
@@ -322,9 +316,9 @@ def run(
         logs[-1].add(iterate, seconds)
 
     with close_observers(observers) as watching:
-        status = drive(limit_steps(iterates, max_iterations), watching, keep)
+        status = drive(limit_steps(iterates), watching, keep)
         if not logs:
-            raise ValueError(NOTHING)
+            raise ValueError("the solver produced no depth map that is finite")
         before = 0.0
         for stage in logs:
             shown = stage.last

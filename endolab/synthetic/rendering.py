@@ -16,8 +16,6 @@ from endolab.synthetic.scenes import Scene
 TEXTURE_SCALE = 5.0  # mm, of the mottled albedo
 RIPPLE_SCALE = 1.5  # mm, of the wet film whose slopes break up the highlights
 RIPPLE_SLOPE = 0.12
-# Of noise (grey levels), texture and highlights; beyond, numbers overflow.
-LARGEST_EFFECT = 100.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +145,7 @@ def render(
     """
     effects = {"noise": noise, "texture": texture, "highlights": highlights}
     for name, amount in effects.items():
-        number(name, amount, 0, LARGEST_EFFECT)
+        number(name, amount, 0, 100)  # beyond, numbers overflow
     if bits is not None:
         number("bits", bits, 1, 16)
     truth = truth_of(scene, camera)

@@ -19,7 +19,6 @@ from endolab.numerics.side_by_side import side_by_side
 
 Length = Annotated[float, Field(ge=1e-3, le=1e6)]  # mm
 
-RAYS_AT_ONCE = 16_000  # what is computed of so many stays in a core's cache
 SIDEWAYS = 0.3  # of its swing in x, that a colon makes in y
 
 
@@ -238,7 +237,8 @@ class Colon:
     def distance(self, rays: FloatArray) -> FloatArray:
         """See `Scene.distance`; the first root along the ray, to rounding."""
         flat = rays.reshape(-1, 3)
-        parts = np.array_split(flat, -(-len(flat) // RAYS_AT_ONCE) or 1)
+        # What is computed of so many rays stays in a core's cache.
+        parts = np.array_split(flat, -(-len(flat) // 16_000) or 1)
         # Each ray takes many steps, so that threads pay sooner than for a pixel.
         found = side_by_side(self._first_roots, parts, 30 * len(flat))
         return np.concatenate(found).reshape(rays.shape[:-1])

@@ -22,7 +22,7 @@ from endolab.numerics.compiled import pad_maps
 from endolab.reconstruction.colours import prior_of
 from endolab.reconstruction.lamps import Lamps, divide_by_lamps
 from endolab.reconstruction.light_and_contours import estimate_indirect, merge
-from endolab.reconstruction.problem_of_frame import in_units, problem_of_frame
+from endolab.reconstruction.problem_of_frame import problem_of_frame
 from endolab.reconstruction.settings import Settings
 from endolab.solvers.energy import model_image
 from endolab.solvers.gauss_newton import gauss_newton
@@ -87,7 +87,7 @@ def with_true_light(case, cuts):
     if case.indirect_ratio is not None:
         ratio = case.indirect_ratio
     merged = merge(colours, ratio, light.albedo)
-    return in_units(replace(merged, mask=merged.mask & np.isfinite(case.distance)))
+    return replace(merged, mask=merged.mask & np.isfinite(case.distance)).in_units()
 
 
 def draw(errors):

@@ -17,11 +17,11 @@ from tests.research.known_surface import measure_light
 from tests.tools.cases import Case, drawn, traced
 
 NOMINAL = el.Photometry(2.5, 2.2, None, el.Lambertian((0.75, 0.38, 0.30)))
-# Where they lie, how they are read, which, on how many columns they are solved, degrees off the axis
+# Where they lie, their numbers, on how many columns they are solved, degrees off the axis
 # that are scored, and how many lamps beside the lens are sought.
 PUBLISHED = {
-    "c3vd": ("c3vd_trans_t1_a", datasets.read_c3vd, (1, 6), 338, 55.0, 1),
-    "simcol3d": ("simcol3d", datasets.read_simcol3d, range(5), 320, 90.0, 0),
+    "c3vd": ("c3vd_trans_t1_a", (1, 6), 338, 55.0, 1),
+    "simcol3d": ("simcol3d", range(5), 320, 90.0, 0),
 }
 
 
@@ -52,12 +52,10 @@ def _described(path):
 
 def _published(wanted, folder):
     """Smaller frames, scaled by their median; the light of each is measured on the others, or nominal."""
-    place, read, indices, width, field, lamps = PUBLISHED[
-        wanted.removesuffix("_nominal")
-    ]
+    place, indices, width, field, lamps = PUBLISHED[wanted.removesuffix("_nominal")]
     samples = []
     if (folder / place).is_dir():
-        samples = [read(folder / place, index) for index in indices]
+        samples = list(datasets.open_dataset(folder / place))
     for index, sample in zip(indices, samples, strict=False):
         light = NOMINAL
         if wanted in PUBLISHED:

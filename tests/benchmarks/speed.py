@@ -21,7 +21,7 @@ def frames():
         yield from (case for case in cases_of(name) if case.name == own)
     folder = datasets.data_folder()
     if folder and (folder / "c3vd_trans_t1_a").is_dir():
-        sample = datasets.read_c3vd(folder / "c3vd_trans_t1_a", 1)
+        sample = datasets.open_dataset(folder / "c3vd_trans_t1_a")[0]
         yield Case("C3VD", sample.frame, sample.calibration, sample.distance)
 
 

@@ -35,10 +35,10 @@ def test_a_box_is_found_where_it_is_and_left_out_if_it_is_flat(
     flat = np.zeros_like(everywhere)
     if what != "second picture":
         flat[rows[0] - 1 : rows[1] + 1, columns[0] - 1 : columns[1] + 1] = True
-    assert_array_equal(frame.pixels_to_use(), ~flat)
-    assert frame.box_share == flat.mean()
+    assert_array_equal(frame.selection.pixels, ~flat)
+    assert frame.selection.box_share == flat.mean()
     everywhere[0, 0] = False
-    assert el.Frame(image, everywhere).box_share == 0
+    assert el.Frame(image, everywhere).selection.box_share == 0
 
 
 @pytest.mark.parametrize("name", el.datasets.TRACED)

@@ -101,8 +101,8 @@ def test_filling_makes_no_peak_does_not_leak_and_turns_with_the_picture(rng, bla
 
 def test_phantoms_keep_their_tissue(data):
     for sample in (
-        datasets.read_c3vd(data / "c3vd_trans_t1_a", 1),
-        datasets.read_simcol3d(data / "simcol3d", 0),
+        datasets.open_dataset(data / "c3vd_trans_t1_a")[0],
+        datasets.open_dataset(data / "simcol3d")[0],
     ):
         mask = sample.frame.mask
         assert find_highlights(sample.frame.image, mask)[mask].mean() < 0.005

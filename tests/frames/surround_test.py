@@ -144,14 +144,14 @@ def test_of_two_fields_one_is_taken_and_both_are_named(wall):
 def test_a_mask_that_keeps_a_crescent_of_the_surround_loses_it(wall):
     shifted = np.roll(DISC, -40, axis=1)
     frame = el.Frame(surrounded(wall, DISC, 16) / 255, shifted)
-    used = frame.pixels_to_use()
+    used = frame.selection.pixels
     assert (used & ~DISC).sum() <= 0.004 * DISC.sum()
     assert used.sum() > 0.94 * (DISC & shifted).sum()
     beyond = (shifted & ~DISC).sum() / shifted.sum()
-    assert frame.misplaced == pytest.approx(beyond, abs=0.03)
-    assert el.Frame(frame.image, DISC).misplaced == 0
+    assert frame.selection.misplaced == pytest.approx(beyond, abs=0.03)
+    assert el.Frame(frame.image, DISC).selection.misplaced == 0
     tenth = DISC & (ROW < 76)
-    assert el.Frame(frame.image, tenth).shown_share == pytest.approx(
+    assert el.Frame(frame.image, tenth).selection.shown_share == pytest.approx(
         tenth.sum() / DISC.sum(), abs=0.02
     )
 
@@ -168,5 +168,5 @@ def test_a_surround_that_is_unsure_is_kept_and_named(soft, named):
     share = np.where(fades, np.clip(away / 70, 0, 1) ** 2, away > 0)
     levels = 16 + (image - 16) * share[..., None]
     frame = el.Frame(levels / 255, np.ones(row.shape, bool))
-    assert frame.pixels_to_use().all() == (soft > 0)
-    assert surround_doubts(frame.image, frame.pixels_to_use()) == (named, False)
+    assert frame.selection.pixels.all() == (soft > 0)
+    assert surround_doubts(frame.image, frame.selection.pixels) == (named, False)

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 import endolab as el
 from endolab.io.datasets import traced
-from endolab.io.datasets.folders import true_z
+from endolab.io.datasets.published import true_z
 from endolab.io.depth_maps import read_depth_map
 from endolab.io.descriptions import read_target
 from endolab.io.images import read_image, read_mask

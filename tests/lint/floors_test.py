@@ -59,7 +59,7 @@ FILE_CALLS = {
     "write_bytes",
 }
 # What a library measures, ours need not.
-BORROWED = {"metrics.mesh_distance": {"imports open3d"}}
+BORROWED = {"metrics.open3d_mesh": {"imports open3d"}}
 
 
 def complaints(source):

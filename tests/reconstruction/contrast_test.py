@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import endolab as el
-from endolab.reconstruction.contrast import explained_share, noise_left
+from endolab.metrics.contrast import explained_share, noise_left
 from tests.tools.cases import drawn
 from tests.tools.problems import at_truth
 

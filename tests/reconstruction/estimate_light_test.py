@@ -52,9 +52,9 @@ def test_a_traced_frame_tells_k_though_its_light_bounced():
 
 def test_a_camera_that_sees_no_fall_finds_nothing():
     frames = [frame_of("colon", 2.5, NARROW)]
-    found = estimate_light(frames, NARROW, otherwise=1.75, gamma=2.0)
+    found = estimate_light(frames, NARROW, gamma=2.0)
     assert (found.outcome, found.standard_error > 1) == ("not found", True)
-    assert (found.photometry.k, found.photometry.gamma) == (1.75, 2.0)
+    assert (found.photometry.k, found.photometry.gamma) == (2.5, 2.0)
 
 
 def test_what_ends_at_the_bound_is_not_found():

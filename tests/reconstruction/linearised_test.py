@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from endolab.reconstruction.linearised import far_end_by_gamma
+from endolab.solvers.linearised import far_end_by_gamma
 from tests.tools.cases import traced
 
 

@@ -31,7 +31,7 @@ def test_each_pixel_is_solved_or_says_why_not(channel, asked):
     how = {"channel": channel, "smooth": 0, "highlights": "keep"}
     result = el.reconstruct(frame, KNOWN, **how)
     shown = el.prepare(result)
-    assert_array_equal(shown.field_of_view, frame.pixels_to_use())
+    assert_array_equal(shown.field_of_view, frame.selection.pixels)
     inside = result.mask
     left_out = 1 * ~shown.field_of_view + shown.without_ray + shown.dark
     assert_array_equal(left_out + inside, 1)

@@ -41,9 +41,7 @@ def test_a_lamp_beside_the_lens_is_found():
 
 
 def test_the_light_of_c3vd_is_what_its_frames_tell(data):
-    samples = [
-        el.datasets.read_c3vd(data / "c3vd_trans_t1_a", index) for index in (1, 6)
-    ]
+    samples = list(el.datasets.open_dataset(data / "c3vd_trans_t1_a"))
     shipped = el.load_calibration("c3vd")
     frames = [one.frame for one in samples]
     distances = [one.distance for one in samples]

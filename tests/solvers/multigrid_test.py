@@ -96,7 +96,7 @@ def interpolation(structure):
     steps = np.eye(active.size)[active.ravel() > 0].reshape(-1, *active.shape)
     columns = np.zeros((len(steps), *structure.active.shape))
     for step, column in zip(steps, columns, strict=True):
-        structure.way.add(step, column)
+        structure.interpolation.add(step, column)
     return columns.reshape(len(steps), -1).T
 
 
@@ -105,7 +105,7 @@ def test_restriction_is_the_adjoint_of_interpolation(system, rng):
     below = structure.coarser.active
     fine = rng.normal(size=structure.active.shape)
     down = np.zeros(below.shape)
-    structure.way.adjoint(fine * structure.active, below, down)
+    structure.interpolation.adjoint(fine * structure.active, below, down)
     way = interpolation(structure)
     assert_allclose(down[below > 0], fine.ravel() @ way, atol=1e-11)
     assert not down[below == 0].any()

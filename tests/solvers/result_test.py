@@ -8,6 +8,7 @@ import pytest
 import endolab as el
 from endolab.solvers.energy import energy_terms
 from endolab.solvers.problem import Problem
+from endolab.solvers.result import limit_steps
 from endolab.synthetic.scenes import Plane
 
 CAMERA = el.Pinhole(8, 6, 6.0, 6.0, 3.5, 2.5)
@@ -80,7 +81,7 @@ def test_any_other_end_gives_the_iterate_of_least_energy(
     # Kept, so that it is not closed for want of a name.
     solver = script(problem, made, 0.5, 0.1, 0.3, then)
     with np.errstate(over="ignore", invalid="ignore"):
-        result = el.run(solver, [first, second], limit)
+        result = el.run(limit_steps(solver, limit), [first, second])
     assert result.status is status
     assert result.iterate is made[1]
     assert [row["k"] for row in result.history] == [0, 1, 2]

@@ -15,22 +15,6 @@ from endolab.model.endoscope import NOMINAL_LIGHT, Calibration
 from endolab.model.photometry import NOMINAL
 from endolab.numerics.checks import shorten, unknown_name
 
-# What is not read, by how a suffix or a key begins, and the way on.
-WAYS_ON = {
-    ".bin": "COLMAP's binary: `colmap model_converter --output_type TXT` makes cameras.txt of it",
-    INI: "an .ini: ROS's `camera_calibration_parsers convert` makes YAML of it, and its .yaml is beside it",
-    "calibration.projection": "Metashape's: save it as OpenCV's, in its Camera Calibration",
-    "document.chunk": "Metashape's: save it as OpenCV's, in its Camera Calibration",
-    "target_type": "a board of Kalibr, which --target is for",
-}
-NOT_READ = (
-    "no calibration that can be read, which are endoscope.json and those of OpenCV, ROS, "
-    "Kalibr, COLMAP, ORB-SLAM, nerfstudio, Vicalib and C3VD; for MATLAB's, mrcal's and OCamCalib's "
-    "the guide bring_your_own says which numbers to type where"
-)
-LEAST_FOCAL = 0.05  # of the width; a fisheye of 230° has a quarter
-FAR_OFF = 0.2  # of the picture, from its middle to the principal point
-
 
 def split_choice(name: PathLike) -> tuple[str, str | None]:
     """Split ``camchain.yaml#cam1`` into the file and which of its cameras is wanted, if any."""
@@ -44,7 +28,7 @@ def split_choice(name: PathLike) -> tuple[str, str | None]:
 def _check_camera(camera: Any) -> str:
     """Say that the centre is far off the middle of the picture; ValueError for what no camera has."""
     focal = getattr(camera, "fx", camera.width)
-    if focal < LEAST_FOCAL * camera.width:
+    if focal < 0.05 * camera.width:  # a fisheye of 230° has a quarter
         raise ValueError(
             f"fx {focal:g} of {camera.width} columns: normalised by the size, or in mm? Expected px"
         )
@@ -56,7 +40,7 @@ def _check_camera(camera: Any) -> str:
             f"{place}, lies outside the picture: is the size another? For a part of a picture give "
             "the calibration of the whole, and --crop"
         )
-    return f"{place}, is far off its middle: is the size another?" if off > FAR_OFF else ""
+    return f"{place}, is far off its middle: is the size another?" if off > 0.2 else ""
 
 
 def _read(path: PathLike, size: Size | None) -> tuple[Calibration, list[str]]:
@@ -78,13 +62,27 @@ def _read(path: PathLike, size: Size | None) -> tuple[Calibration, list[str]]:
             notes.append(nominal)
     try:
         if not is_own:
+            # What is not read, by how a suffix or a key begins, and what helps.
+            metashape = "Metashape's: save it as OpenCV's, in its Camera Calibration"
+            remedies = {
+                ".bin": "COLMAP's binary: `colmap model_converter --output_type TXT` makes cameras.txt of it",
+                INI: "an .ini: ROS's `camera_calibration_parsers convert` makes YAML of it, and its .yaml is "
+                "beside it",
+                "calibration.projection": metashape,
+                "document.chunk": metashape,
+                "target_type": "a board of Kalibr, which --target is for",
+            }
             names = [Path(file).suffix, *(name for name, _ in leaves(document))]
-            for known, way in WAYS_ON.items():
+            for known, remedy in remedies.items():
                 if any(name.startswith(known) for name in names):
-                    raise ValueError(way)
+                    raise ValueError(remedy)
             form, cameras = list_cameras(document)
             if not cameras:
-                raise ValueError(NOT_READ)
+                raise ValueError(
+                    "no calibration that can be read, which are endoscope.json and those of OpenCV, ROS, "
+                    "Kalibr, COLMAP, ORB-SLAM, nerfstudio, Vicalib and C3VD; for MATLAB's, mrcal's and "
+                    "OCamCalib's the guide bring_your_own says which numbers to type where"
+                )
             if which is not None and which not in cameras:
                 raise unknown_name("camera", which, cameras, "none at all")
             taken = which or next(iter(cameras))

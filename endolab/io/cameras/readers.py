@@ -18,8 +18,6 @@ from endolab.model.cameras import BrownConrady, Camera, KannalaBrandt, Pinhole, 
 from endolab.numerics.checks import shorten
 
 Size = tuple[int, int]  # columns and rows, px
-NAMED = "by its names, as of OpenCV, ROS, Kalibr, ORB-SLAM, nerfstudio, NumPy or C3VD"
-MATRIX = "rows of a matrix, taken for a pinhole's"
 COLMAP = "COLMAP's cameras.txt"
 VICALIB = "Vicalib's XML"
 BROWN = "brown"
@@ -31,45 +29,34 @@ LENSES = {
     BROWN: r"none|radtan|radialtangential|plumbbob|rationalpolynomial|rectified|brown(conrady)?|"
     r"(simple)?(pinhole|radial)|(full)?opencv|calibufufvu0v0(k1k2(k3)?|rational6)?",
 }
-# Before a name, which camera's it is, and words that say nothing; behind it, which camera's again.
-WORDS = r"(?:raw|input|camera|cam|image|img|intrinsics?|calibration|distortion|size|opencvstorage)*"
-NAME = rf"{WORDS}?((?:cam|camera)?[0-3]|left|right)?{WORDS}(?:%s)([0-3lr]|left|right)?"
-# What a name means, by its value: a number, a text, or a list.
-NUMBER = {
-    "width": "width|w|nx",
-    "height": "height|h|ny",
-    "fx": "fx|fu",
-    "fy": "fy|fv",
-    "flx": "flx",  # nerfstudio's
-    "fly": "fly",
-    "cx": "cx|ppx|u0",
-    "cy": "cy|ppy|v0",
-    "fisheye": "(is)?fisheye(model)?",
-}
 # OpenCV's coefficients, in its order.
 TERMS = ["k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"]
-NUMBER |= {name: name for name in (*TERMS, *"cde", *(f"a{power}" for power in range(5)))}
-TEXT = {
-    "model": "distortion(model|type)?",
-    "lens": "model|(camera|lens|projection)(model|type)",
+# What a name means, by the kind of its value.
+MEANINGS = {
+    float: {
+        "width": "width|w|nx",
+        "height": "height|h|ny",
+        "fx": "fx|fu",
+        "fy": "fy|fv",
+        "flx": "flx",  # nerfstudio's
+        "fly": "fly",
+        "cx": "cx|ppx|u0",
+        "cy": "cy|ppy|v0",
+        "fisheye": "(is)?fisheye(model)?",
+        **{name: name for name in (*TERMS, *"cde", "a0", "a1", "a2", "a3", "a4")},
+    },
+    str: {
+        "model": "distortion(model|type)?",
+        "lens": "model|(camera|lens|projection)(model|type)",
+    },
+    list: {
+        "size": "size|resolution",
+        "four": "intrinsics",
+        "unsure": "k|kc|coeffs|dist(ortion)?param(eter)?s",  # whose four may be of either kind
+        "k": "d|dist(ortion)?(coeff?(icient)?s?)?",
+        "matrix": "k|kk|m|mtx|matrix|intrinsics",
+    },
 }
-LIST = {
-    "size": "size|resolution",
-    "four": "intrinsics",
-    "unsure": "k|kc|coeffs|dist(ortion)?param(eter)?s",  # whose four may be of either kind
-    "k": "d|dist(ortion)?(coeff?(icient)?s?)?",
-    "matrix": "k|kk|m|mtx|matrix|intrinsics",
-}
-CAMERA = {"matrix", "four", "fx", "flx", "a0"}  # one of which a camera has
-COUNTS = {"four": (4, 5, 6), "unsure": (4, 5, 8, 12, 14), "matrix": (0, 9, 12, 16)}
-# What else a file may say, and is not asked for: errors, flags, boards, poses, what was rectified.
-PASSING = re.compile(
-    r"err|\brms|\bstd|flag|board|pattern|square|marker|grid|corner|pose|[rt]vec|points|rectif|proj|"
-    r"\broi|rotation|transl|transform|extrin|essential|fundamental|time|\bnew|\b[rpteqf]\d?\b"
-)
-OF_A_LENS = re.compile(r"radial|tangential|distort|coeff|(k[1-6]|p[12])$")
-OF_A_SIZE = re.compile(r"width|height|cols|columns|rows|size|shape|resolution")
-KALIBRS = ("ds", "eucm", "omni")  # lenses that are not read
 
 
 class MissingSize(ValueError):
@@ -104,8 +91,9 @@ def _lens(name: str) -> str:
     for kind, pattern in LENSES.items():
         if re.fullmatch(pattern, _plain(name)):
             return kind
-    way = "; calibrate with Kalibr's --models pinhole-equi" if name in KALIBRS else ""
-    raise ValueError(f"no lens {shorten(name)} is known here{way}")
+    is_kalibrs = name in ("ds", "eucm", "omni")
+    remedy = "; calibrate with Kalibr's --models pinhole-equi" if is_kalibrs else ""
+    raise ValueError(f"no lens {shorten(name)} is known here{remedy}")
 
 
 def _size(part: dict[str, Any], given: Size | None) -> Sequence[float]:
@@ -152,10 +140,13 @@ def leaves(value: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[str, Any]]:
 
 def _meaning(name: str, value: Any) -> tuple[str, str]:
     """Tell which of several cameras a name is of, and what it means; twice "" if it is not known."""
-    table = TEXT if isinstance(value, str) else LIST if isinstance(value, list) else NUMBER
-    for meaning, names in table.items():
-        found = re.fullmatch(NAME % names, _plain(name).replace(".", ""))
-        if found and len(_few_numbers(value)) in COUNTS.get(meaning, range(17)):
+    # Before a name, which camera's it is, and words that say nothing; behind it, which camera's again.
+    words = r"(?:raw|input|camera|cam|image|img|intrinsics?|calibration|distortion|size|opencvstorage)*"
+    form = rf"{words}?((?:cam|camera)?[0-3]|left|right)?{words}(?:%s)([0-3lr]|left|right)?"
+    counts = {"four": (4, 5, 6), "unsure": (4, 5, 8, 12, 14), "matrix": (0, 9, 12, 16)}
+    for meaning, names in MEANINGS.get(type(value), MEANINGS[float]).items():
+        found = re.fullmatch(form % names, _plain(name).replace(".", ""))
+        if found and len(_few_numbers(value)) in counts.get(meaning, range(17)):
             return found[1] or found[found.re.groups] or "", meaning
     return "", ""
 
@@ -170,10 +161,11 @@ def _list_named(document: Any) -> dict[str, Any]:
     for whose, meaning, _, value in named:
         found.setdefault(whose, {}).setdefault(meaning, value)
     cameras: dict[str, Any] = {}
-    known = {whose for whose, own in found.items() if not whose or own.keys() & CAMERA}
+    needed = {"matrix", "four", "fx", "flx", "a0"}  # one of which a camera has
+    known = {whose for whose, own in found.items() if not whose or own.keys() & needed}
     unread = {n: value for whose, what, n, value in named if not what or whose not in known}
     for whose, own in found.items():
-        if not own.keys() & CAMERA:
+        if not own.keys() & needed:
             continue
         part = found[""] | own | {"unread": unread, "document": document}
         if "matrix" not in own:
@@ -205,16 +197,23 @@ def _kind_of(part: dict[str, Any]) -> str:
 
 def _refuse_unread(part: dict[str, Any], is_lens: bool) -> None:
     """Raise ValueError where something under another name may be coefficients of the lens, or the size."""
+    # What else a file may say, and is not asked for: errors, flags, boards, poses, what was rectified.
+    passing = (
+        r"err|\brms|\bstd|flag|board|pattern|square|marker|grid|corner|pose|[rt]vec|points|rectif|proj|"
+        r"\broi|rotation|transl|transform|extrin|essential|fundamental|time|\bnew|\b[rpteqf]\d?\b"
+    )
+    of_a_lens = r"radial|tangential|distort|coeff|(k[1-6]|p[12])$"
+    of_a_size = r"width|height|cols|columns|rows|size|shape|resolution"
     for name, value in part.get("unread", {}).items():
         found = _few_numbers(value)
         plain = _plain(name)
         what = "dist_coeffs, and say whether it is a fisheye's"
-        is_like = any(found) and (4 <= len(found) <= 14 or OF_A_LENS.search(plain))
+        is_like = any(found) and (4 <= len(found) <= 14 or re.search(of_a_lens, plain))
         if not is_lens:
             what = "image_width and image_height"
-            is_like = len(found) in (2, 3) or OF_A_SIZE.search(plain)
+            is_like = len(found) in (2, 3) or re.search(of_a_size, plain)
             is_like = is_like and all(n >= 32 and n == int(n) for n in (found or [0])[:2])
-        if is_like and not PASSING.search(plain):
+        if is_like and not re.search(passing, plain):
             many = f"{len(found)} number{'s' * (len(found) > 1)}"
             raise ValueError(f"not understood: {shorten(name)} ({many}); call it {what}")
 
@@ -270,10 +269,11 @@ def list_cameras(document: Any) -> tuple[str, dict[str, Any]]:
     if ROWS in document:
         rows = document[ROWS]
         if [len(row) for row in rows] in ([3] * 3, [4] * 3, [4] * 4):
-            return MATRIX, _list_named({"matrix": rows})
+            return "rows of a matrix, taken for a pinhole's", _list_named({"matrix": rows})
         is_camera = all(len(row) > 4 and isinstance(row[1], str) for row in rows)
         return COLMAP, {f"{row[0]:g}": row for row in rows} if is_camera else {}
-    return NAMED, _list_named(document)
+    known = "OpenCV, ROS, Kalibr, ORB-SLAM, nerfstudio, NumPy or C3VD"
+    return f"by its names, as of {known}", _list_named(document)
 
 
 def make_camera(form: str, part: Any, given: Size | None) -> Camera:

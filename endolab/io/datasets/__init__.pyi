@@ -1,13 +1,10 @@
-from .c3vd import read_c3vd as read_c3vd
-from .c3vd import read_c3vd_depth as read_c3vd_depth
-from .folders import Folder as Folder
-from .folders import open_dataset as open_dataset
-from .folders import true_z as true_z
 from .known_endoscopes import CALIBRATIONS as CALIBRATIONS
 from .known_endoscopes import load_calibration as load_calibration
+from .published import Folder as Folder
+from .published import open_dataset as open_dataset
+from .published import true_z as true_z
 from .sample import Sample as Sample
 from .sample import data_folder as data_folder
-from .simcol3d import read_simcol3d as read_simcol3d
 from .traced import TRACED as TRACED
 from .traced import TracedSample as TracedSample
 from .traced import load_traced as load_traced

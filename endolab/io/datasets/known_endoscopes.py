@@ -19,9 +19,10 @@ from endolab.numerics.checks import PATH, check_int, check_kinds, unknown_name
 # - simcol3d: SimCol3D (Rau et al., 2023), published with the picture's corner as origin, c = 237.5. Its
 #   light, a game engine's, is no endoscope's: of k from 0.7 to 2.5, this one's depths are nearest to five
 #   frames' truth.
-KNOWN = ("paper", "simple", "c3vd", "c3vd_v2", "simcol3d")
-FOLDER = Path(__file__).resolve().parent / "endoscopes"
-CALIBRATIONS = {name: read_calibration(FOLDER / f"{name}.json") for name in KNOWN}
+CALIBRATIONS = {
+    name: read_calibration(Path(__file__).parent / "endoscopes" / f"{name}.json")
+    for name in ("paper", "simple", "c3vd", "c3vd_v2", "simcol3d")
+}
 
 
 @check_kinds(name_or_path=PATH)

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from endolab.model.mesh import triangle_normals
 from endolab.numerics.arrays import FloatArray
-from endolab.reconstruction.mesh import make_mesh
+from endolab.solvers.mesh import make_mesh
 from endolab.workbench.plots.scales import brighten, in_colour
 from endolab.workbench.plots.style import AxesOrNew, decorate, house
 

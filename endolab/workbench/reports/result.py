@@ -18,10 +18,10 @@ from endolab.io.surfaces import save_depth, write_mesh
 from endolab.model.mesh import Mesh
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import PATH, check_kinds
-from endolab.reconstruction.mesh import make_mesh
 from endolab.reconstruction.report import meaning, warnings
 from endolab.reconstruction.scale import scale_of
 from endolab.reconstruction.uncertainty import Uncertainty
+from endolab.solvers.mesh import make_mesh
 from endolab.solvers.result import Result
 from endolab.workbench.plots.maps import overview, prepare_figure
 from endolab.workbench.plots.scales import SOURCE_COLOURS, in_colour

@@ -27,18 +27,18 @@ from typing import Literal
 import numpy as np
 from skimage.measure import label
 
-from endolab.numerics.arrays import FloatArray
-from endolab.numerics.iteration import Status, Stopped, finish
-from endolab.numerics.threads import limit_threads
-from endolab.reconstruction.contrast import (
+from endolab.metrics.contrast import (
     ENOUGH_CONTRAST,
     explained_share,
     noise_left,
     residual_of,
 )
+from endolab.numerics.arrays import FloatArray
+from endolab.numerics.iteration import Status, Stopped, finish
+from endolab.numerics.threads import limit_threads
 from endolab.reconstruction.found import Found
 from endolab.reconstruction.lamps import Lamps, divide_by_lamps
-from endolab.reconstruction.pipeline import are_as_found, find, solve_found
+from endolab.reconstruction.pipeline import find, lamps_stay, solve_found
 from endolab.reconstruction.scale import to_scale
 from endolab.reconstruction.uncertainty import Uncertainty
 from endolab.solvers.gauss_newton import Look
@@ -490,7 +490,7 @@ def problem_of(wish: Knobs, still: Still, surface: Iterate) -> Problem:
     calibration = wish.calibration_of(still.subject)
     problem, _ = found.problem_with(settings, calibration)
     lamps = Lamps.of(calibration, settings)
-    if lamps is not None and are_as_found(found, problem, lamps):
+    if lamps is not None and lamps_stay(found, problem, lamps):
         return problem
     ratio = None if lamps is None else lamps.ratio(surface, LAMP_STEP)
     return divide_by_lamps(problem, ratio)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from endolab.reconstruction.contrast import suggest_lam
+from endolab.metrics.contrast import suggest_lam
 from endolab.reconstruction.report import (
     SOLVER_NAMES,
     advice,

@@ -170,7 +170,7 @@ class Source:
         if not left_out:
             return subject
         frame = subject.frame
-        mask = frame.pixels_to_use().copy()
+        mask = frame.selection.pixels.copy()
         row, column = np.ogrid[: frame.height, : frame.width]
         x, y = (column + 0.5) / frame.width, (row + 0.5) / frame.height
         for left, top, right, bottom in left_out:

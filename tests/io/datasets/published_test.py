@@ -36,7 +36,7 @@ def test_a_frame_of_c3vd(tmp_path, suffix):
     colour[7, 9] = (10, 20, 30)
     write(tmp_path, "0042_color.png", colour)
     write(tmp_path, f"0042_depth.{suffix}", depth)
-    sample = datasets.read_c3vd(tmp_path, 42)
+    (sample,) = datasets.open_dataset(tmp_path)
     assert sample.frame.name == "0042_color.png"
     assert_array_equal(sample.frame.image[7, 9] * 255, (30, 20, 10))
     assert_array_equal(sample.frame.mask, np.arange(1350) > np.zeros((1080, 1)))

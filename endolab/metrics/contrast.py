@@ -100,5 +100,5 @@ def suggest_lam(
     last = int(enough[-1])
     if last == len(tried) - 1:
         return float(np.exp(tried[last])), True
-    way = excess[last] / (excess[last] - excess[last + 1])
-    return float(np.exp(tried[last] + way * (tried[last + 1] - tried[last]))), False
+    part = excess[last] / (excess[last] - excess[last + 1])
+    return float(np.exp(tried[last] + part * (tried[last + 1] - tried[last]))), False

@@ -13,12 +13,8 @@ import numpy as np
 
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.compiled import inner, pad_maps
+from endolab.numerics.resampling import nearest_pixels, resample_cuts
 from endolab.numerics.stencils import CENTRAL, Differences, links
-from endolab.reconstruction.light_and_contours import (
-    far_end_moves,
-    nearest_pixels,
-    resample_cuts,
-)
 from endolab.solvers.energy import model_image
 from endolab.solvers.grid import Grid
 from endolab.solvers.multigrid import Multigrid
@@ -105,6 +101,13 @@ def on_fewer_pixels(iterate: Iterate, most: int = 400) -> Iterate:
         seen=None,
     )
     return Iterate.of(smaller, iterate.log_distance[nearest])
+
+
+def far_end_moves(iterate: Iterate, moved: FloatArray) -> float:
+    """How much farther the farthest twentieth comes if log d changes by that, (H, W); the median stays."""
+    mask = iterate.mask
+    far = mask & (iterate.distance >= np.percentile(iterate.distance[mask], 95))
+    return float(np.expm1(np.median(moved[far]) - np.median(moved[mask])))
 
 
 def far_end_by_gamma(iterate: Iterate, change: float) -> float:

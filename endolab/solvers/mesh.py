@@ -15,10 +15,12 @@ def make_mesh(
     *,
     sigma: FloatArray | None = None,
     cuts: BoolArray | None = None,
-    jump: float = 1.08,
-    grazing: float = 85.0,
 ) -> Mesh:
     """Join the surface points of neighbouring pixels by triangles.
+
+    One is left out if the distances of its corners from the camera differ by more than 8 % and it is seen at
+    more than 85° off its normal. (Either alone would cut a slanted wall in a small frame, or a smooth one
+    seen at its limb.)
 
     Parameters
     ----------
@@ -33,11 +35,6 @@ def make_mesh(
     cuts : (2, H, W) bool array, optional
         Links to the right and lower neighbour over which the surface is cut, as
         `metrics.depth_cuts` finds them; by default those of the problem that was solved.
-    jump, grazing : float
-        A triangle is left out if the distances of its corners from the camera differ by more
-        than the factor `jump` and the angle between its normal and the line of sight is more
-        than `grazing`, degrees. (The factor alone would cut a slanted wall in a small frame, the
-        angle alone a smooth one seen at its limb.)
 
     Returns
     -------
@@ -88,8 +85,8 @@ def make_mesh(
     normal = triangle_normals(corners)
     sight = corners.mean(axis=1)
     size = np.linalg.norm(normal, axis=-1) * np.linalg.norm(sight, axis=-1)
-    is_seen = np.abs(np.sum(normal * sight, axis=-1)) >= np.cos(np.deg2rad(grazing)) * size
-    triangles = triangles[is_seen | (far.max(axis=1) <= jump * far.min(axis=1))]
+    is_seen = np.abs(np.sum(normal * sight, axis=-1)) >= np.cos(np.deg2rad(85)) * size
+    triangles = triangles[is_seen | (far.max(axis=1) <= 1.08 * far.min(axis=1))]
     used = np.zeros(len(points), dtype=bool)
     used[triangles] = True
     triangles = (np.cumsum(used, dtype=np.int32) - 1)[triangles]
