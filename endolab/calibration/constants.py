@@ -61,19 +61,11 @@ WIDEST_BROWN = 1.2
 
 # Frames (`session`)
 # Frames that the geometry should have; with fewer, more than one in `every` go into it.
-ENOUGH_VIEWS = 15
 # A frame whose points are so many times as far off as usual does not belong to the others.
-ALIEN = 10.0
 # Share of the points that agree with a camera which suits its lens; of simulated ones, all but 2 to 8 %.
-LEAST_AGREEMENT = 0.85
 
 # Fits (`least_squares`)
-HUBER = 1.5  # standard deviations where the parabola becomes a line
 OUTLIER = 3.5  # standard deviations beyond which a residual is an outlier
-FINEST_STEP = 1e-4  # of a standard error
-COARSE_STEP = 0.03  # likewise, where the cost has kinks that a finer step need never pass
-PARTS = 3  # of the frames, of which each is held out once
-LEAST_FALL = 2.0  # of its own ±, by which frames held out must be predicted better
 
 # Samples (`photometric/samples`)
 # px; in pictures as wide as this 3x3 pixels are averaged.

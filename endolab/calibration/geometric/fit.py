@@ -29,7 +29,7 @@ from endolab.calibration.geometric.reprojection import (
     check_agreement,
 )
 from endolab.calibration.least_squares import fit, hold_out, is_better, jackknife
-from endolab.calibration.refusals import Refusal
+from endolab.calibration.refusals import Doubt, Refusal
 from endolab.calibration.targets import Target
 from endolab.model.cameras import KannalaBrandt
 from endolab.numerics.arrays import BoolArray, FloatArray
@@ -62,7 +62,7 @@ class GeometricFit:
     status: Status
     # Lens that was tried → root mean square error of views held out, px.
     held_out: dict[str, float] = field(default_factory=dict)
-    alike: bool = False  # another lens was tried, too, and predicted them as well
+    doubts: tuple[Doubt, ...] = ()
 
     @property
     def standard_errors(self) -> dict[str, float]:
@@ -150,11 +150,9 @@ def calibrate_camera(
         np.array([one[name] for name in names]) for one in (squares, of_brown)
     )
     best = brown if is_better(others, than=theirs) else fisheye
-    return replace(
-        best,
-        held_out=fisheye.held_out | brown.held_out,
-        alike=best is fisheye and not is_better(theirs, than=others),
-    )
+    alike = best is fisheye and not is_better(theirs, than=others)
+    doubts = (Doubt.LENSES_ALIKE,) * alike
+    return replace(best, held_out=fisheye.held_out | brown.held_out, doubts=doubts)
 
 
 def _label(view: View, target: Target) -> str:
@@ -228,7 +226,7 @@ def _calibrate(
     frames = list(dict.fromkeys(view.name for view in views))
     frame = np.array([frames.index(view.name) for view in views])[model.group]
     squares, off = hold_out(model, fitted, frame, sigma or fitted.sigma)
-    fitted = jackknife(model, fitted, frame, model.sd)
+    covariance, _ = jackknife(model, fitted, frame, model.sd)
     name = "fisheye" if isinstance(camera, KannalaBrandt) else "brown"
     found = GeometricFit(
         camera=camera,
@@ -239,7 +237,7 @@ def _calibrate(
         inliers=tuple(inliers),
         sigma=fitted.sigma,
         rmse=float(np.sqrt(np.mean(np.sum(fitted.residual[fitted.used] ** 2, axis=1)))),
-        covariance=fitted.covariance,
+        covariance=covariance,
         max_angle_seen=float(model.angles(fitted.own)[fitted.used].max()),
         status=fitted.status,
         held_out={name: off},

@@ -66,7 +66,6 @@ class Reprojection(Model):
     points: FloatArray  # (n, 3), mm
     radii: FloatArray  # (n,), mm
     pixels: FloatArray  # (n, 2), where they were measured
-    of_each: ClassVar = ("points", "radii", "pixels")
     smallest: ClassVar = constants.FINEST
 
     @classmethod

@@ -215,7 +215,7 @@ def _result(
     """Check a fit of the model with some unknowns held, and name what it found."""
     frames, frame = np.unique(model.samples.frame, return_inverse=True)
     # Those that were held get their uncertainty back, and with it what hangs on them.
-    fitted = jackknife(stiff, fitted, frame, model.sd)
+    covariance, of_gains = jackknife(stiff, fitted, frame, model.sd)
     vector = fitted.common
     k, gamma = vector[:2].tolist()
     # Of the values themselves, by those of the unknowns; 0 for what was given.
@@ -223,7 +223,7 @@ def _result(
     start = model.of_brdf.start
     slopes[:, start:] *= np.exp(vector[start:])  # of logarithms
     slopes[-1, :2] = 1 / gamma, -k / gamma**2  # of k/γ
-    deviations = np.sqrt(np.einsum("ip,pq,iq->i", slopes, fitted.covariance, slopes))
+    deviations = np.sqrt(np.einsum("ip,pq,iq->i", slopes, covariance, slopes))
     errors = dict(zip([*model.names, "k/gamma"], deviations.tolist(), strict=True))
     error = gamma * errors["k/gamma"]
     is_sure = k >= 0 and error <= constants.LARGEST_K_ERROR
@@ -259,10 +259,10 @@ def _result(
         photometry=light.with_lamps(places) if places else light,
         frames=frames,
         gains=gains,
-        gain_errors=gains * np.repeat(np.sqrt(fitted.own_covariance[:, 0, 0]), alike),
+        gain_errors=gains * np.repeat(np.sqrt(of_gains[:, 0, 0]), alike),
         reflectance=np.exp(vector[model.of_brdf.stop :]),
         names=[model.names[i] for i in free],
-        covariance=fitted.covariance[np.ix_(free, free)],
+        covariance=covariance[np.ix_(free, free)],
         standard_errors=errors,
         residuals=fitted.residual[:, 0],
         used=fitted.used,

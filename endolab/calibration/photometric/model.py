@@ -21,7 +21,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
-from typing import ClassVar
 
 import numpy as np
 
@@ -87,7 +86,6 @@ class LightModel(Model):
     nodes: FloatArray  # of the BRDF, rad; a single one makes the surface Lambertian
     names: list[str]  # of the common unknowns, (p,)
     lamps: int = 0  # beside the lens; 0: one at the optical centre
-    of_each: ClassVar = ("samples",)
 
     def with_lamps(self, lamps: int) -> LightModel:
         """Add the places of so many lamps to the unknowns of a model whose lamp is at the lens."""
