@@ -3,43 +3,9 @@
 Code reads them as ``constants.NAME``.
 """
 
-# Dark round spots on lit paper (`detection/blobs`)
-LEAST_WHITE = 0.03  # stored value; what is darker than this is no lit paper
-LARGEST = 0.11  # size of a spot over the picture's width
-GREY_SHARE = 0.6  # darkness of a grey spot over that of a black one, at most
-# Darkness of a spot against the paper around it, and the same where there is grey, too.
-LEAST_DARKNESS = 0.25
-GREY_DARKNESS = 0.3
-
-# A piece of a lattice, and how far its features may lie off (`detection/lattice`)
-LEAST_SPOTS = 12  # of a piece
-MOST_SEEDS = 60  # that are tried
-CLOSE = 0.3  # lattice steps that a spot may lie off what is predicted
-SLACK = 0.3  # px that a feature may lie off, beyond what is usual
-MOST_MISS = 0.12  # the same at most, lattice steps
-
-# When a piece is a part of the sheet (`detection/dots`)
+# Evidence that a target was seen (`detection`)
 LEAST_DOTS = 20  # to tell the code by
-PAD = 2  # columns and rows beside the sheet in which false spots may lie
-MOST_WRONG = 0.1  # share of the bits
-SURETY = 5.0  # logarithm of the odds against a match by chance
-MOST_OFF = 0.8  # of a dot's size, where 1 is halfway to the other size
-
-# How large a picture is searched, and which corners are kept (`detection/detect`)
-# px, Full HD; larger pictures are made half as large as this before anything is sought.
-MOST_PIXELS = 2_100_000
-# px; OpenCV's second search for a chessboard takes too long in larger pictures.
-MOST_QUICK_PIXELS = 400_000
-# px of the shorter side; smaller pictures are enlarged before corners are sought in them ...
-FINE_SIDE = 600
-LONGEST_SIDE = 2000  # ... until the longer side is as long as this
 LEAST_CORNERS = 6  # of a ChArUco board
-# Half the side of what a corner is refined by, as a share of the way to the next one.
-WINDOW = 0.45
-# Of the roughness of refined corners, below which those that were found are better.
-SPOILT = 0.8
-# Contrast near the corners over that of the middles: of boards .8 to 1.15, of dots 1.6 or more.
-SQUARE = (0.3, 1.3)
 
 # Poses (`geometric/planar_pose`)
 LEAST_POINTS = 8  # points of a view that count as evidence

@@ -11,6 +11,7 @@ from endolab.calibration import constants
 from endolab.calibration.detection.blobs import Blobs
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray, nan_if_undefined
 
+CLOSE = 0.3  # lattice steps that a spot may lie off what is predicted
 REACH = 2  # lattice steps that the surroundings of a place reach to each side
 
 
@@ -80,12 +81,12 @@ def grow(owner: IntArray, blobs: Blobs, cover: tuple[float, float]) -> IntArray:
         off = _in_cells(blobs.centres[which] - guess, along, down)
         with nan_if_undefined():
             covered = blobs.ink[which] / np.abs(cross(along, down))
-        good = (off < constants.CLOSE) & (covered > cover[0]) & (covered < cover[1])
+        good = (off < CLOSE) & (covered > cover[0]) & (covered < cover[1])
         good &= ~np.isin(which, owner)
         if not good.any():
             return owner
         # What is certain first, so that it guides the rest.
-        good &= off < 2 * off[good].min() + constants.CLOSE / 3
+        good &= off < 2 * off[good].min() + CLOSE / 3
         order = np.flatnonzero(good)[np.argsort(off[good], kind="stable")]
         order = order[np.unique(which[order], return_index=True)[1]]
         owner[row[order], column[order]] = which[order]
@@ -105,17 +106,17 @@ def find_lattices(blobs: Blobs, cover: tuple[float, float], size: int) -> list[I
     # A step of the lattice has its opposite.
     apart = np.linalg.norm(vectors[:, :, None] + vectors[:, None], axis=-1)
     miss = apart.min(axis=2) / length
-    first = (miss < constants.CLOSE).argmax(axis=1)
+    first = (miss < CLOSE).argmax(axis=1)
     area = cross(vectors[number, first][:, None], vectors)
     square = area > 0.7 * length * length[number, first][:, None]
-    second = ((miss < constants.CLOSE) & square).argmax(axis=1)
+    second = ((miss < CLOSE) & square).argmax(axis=1)
     miss = np.maximum(miss[number, first], miss[number, second])
     covered = blobs.ink / np.maximum(area[number, second], 1e-9)
-    good = (miss < constants.CLOSE) & (covered > cover[0]) & (covered < cover[1])
+    good = (miss < CLOSE) & (covered > cover[0]) & (covered < cover[1])
     opposite = apart.argmin(axis=2)
     pieces: list[IntArray] = []
     free = good.copy()
-    for _ in range(constants.MOST_SEEDS):
+    for _ in range(60):
         if not free.any():
             break
         seed = np.where(free, miss, np.inf).argmin()
@@ -128,7 +129,7 @@ def find_lattices(blobs: Blobs, cover: tuple[float, float], size: int) -> list[I
         owner[[middle + 1, middle - 1], middle] = which[seed, [b, opposite[seed, b]]]
         owner = grow(owner, blobs, cover)
         free[owner[owner >= 0]] = False
-        if (owner >= 0).sum() >= constants.LEAST_SPOTS:
+        if (owner >= 0).sum() >= constants.LEAST_DOTS:
             pieces.append(owner)
     return pieces
 
@@ -153,5 +154,5 @@ def check_places(
     usual = misses[np.arange(len(misses)), middle].reshape(panel.shape)
     known = np.isfinite(window[..., 0]).sum(axis=(1, 2)).reshape(panel.shape)
     with nan_if_undefined():
-        most = np.minimum(3 * usual + constants.SLACK / np.sqrt(cell), constants.MOST_MISS)
+        most = np.minimum(3 * usual + 0.3 / np.sqrt(cell), 0.12)
     return (miss <= most) & (known > least), cell
