@@ -22,7 +22,7 @@ alike, and the others not at all, because a Huber penalty is still pulled by the
 residuals are frozen while a cost is minimised; rounds repeat until a choice comes up again.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import ClassVar
@@ -33,6 +33,18 @@ import scipy
 from endolab.calibration import constants
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray, nan_if_undefined
 from endolab.numerics.iteration import Status
+
+Row = tuple[str, float, float, str]  # name, value, its standard error, unit
+
+
+def list_rows(
+    values: Mapping[str, tuple[float, str]], errors: Mapping[str, float]
+) -> list[Row]:
+    """List values, with their units, and their standard errors; nan where there is none."""
+    return [
+        (name, value, errors.get(name, np.nan), unit)
+        for name, (value, unit) in values.items()
+    ]
 
 
 # The problem ----------------------------------------------------------------------------

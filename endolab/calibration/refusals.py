@@ -47,7 +47,6 @@ class Refusal(Enum):
         "pose",
         f"a pose needs {constants.LEAST_POINTS} points at least, got {{count}}",
     )
-    ON_LINE = "pose", "its points lie on one line"
     DISORDER = "pose", "its points do not lie to each other as the target's do"
     BEHIND = "pose", "its points are mirrored: the paper would be seen from behind"
     DISAGREE = "pose", "only {good} of its {count} points agree with the others"
