@@ -148,7 +148,6 @@ class Doubt(Enum):
         "or elsewhere."
     )
     MATT = "The surface was taken to be matt (Lambertian): a sheen would show as wrong k and γ."
-    CLIPPED = "The residuals are so large that they reach out of the sensor's range, which biases the result."
 
 
 class Verdict(Enum):

@@ -28,8 +28,9 @@ from endolab.calibration.geometric.fit import GeometricFit, calibrate_camera
 from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.geometric.projection import Lens
 from endolab.calibration.geometric.reprojection import find_pose, views_of
+from endolab.calibration.least_squares import Row
 from endolab.calibration.photometric.fit import LightOptions, calibrate_light
-from endolab.calibration.photometric.result import PhotometricFit, Row
+from endolab.calibration.photometric.result import PhotometricFit
 from endolab.calibration.photometric.samples import Samples, sample_sheet
 from endolab.calibration.refusals import Refusal, Verdict
 from endolab.calibration.targets import Board, Charuco, Target

@@ -9,7 +9,6 @@ from typing import Literal
 
 import numpy as np
 
-from endolab.calibration import constants
 from endolab.calibration.least_squares import Fit, fit, hold_out, is_better
 from endolab.calibration.photometric.identifiability import left_of_light, regress
 from endolab.calibration.photometric.model import LightModel
@@ -34,9 +33,8 @@ def choose_lamps(
         begin = np.insert(centred.common, 2, [0.0, 0.0])
         fits.append(fit(models[1], begin, centred.own))
         apart = _halves(models[1], models[2], fits[1])
-        if wanted == "two" or (
-            wanted == "auto" and np.linalg.norm(apart) > constants.LEAST_APART
-        ):
+        # Nearer to each other, mm, they pass for one; to try them takes long.
+        if wanted == "two" or (wanted == "auto" and np.linalg.norm(apart) > 1.5):
             fits.append(fit(models[2], _pair(fits[1].common, apart), fits[1].own))
     _, frame = np.unique(model.samples.frame, return_inverse=True)
     best = len(fits) - 1
