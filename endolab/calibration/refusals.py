@@ -28,7 +28,6 @@ class Refusal(Enum):
     FEW_SPOTS = "target", "too few dark spots"
     NO_GRID = "target", "the dark spots form no grid"
     OTHER_CODE = "target", "the code of the dots does not match"
-    ROUGH_DOTS = "target", "the dots do not lie on a smooth sheet"
     ROUGH_CORNERS = "target", "the corners do not lie on a smooth sheet"
     MIRRORED = "target", "the picture is a mirror image: exchange its left and right"
     FEW_CORNERS = (
@@ -59,15 +58,11 @@ class Refusal(Enum):
         "camera",
         f"{VIEWS_NEEDED}, got {{count}}: the sheet hardly moves in the {{views}} views",
     )
-    SQUARE = (
-        "camera",
-        "views square to the axis cannot tell the focal length from the distance: the sheet's largest tilt "
-        "is {tilt:.1f}°; tilt the sheet by 20° or more in some views",
-    )
     UNSURE_CAMERA = (
         "camera",
         "the views do not tell {name}: its standard error is {error:.0f} px; the sheet's largest tilt is "
-        "{tilt:.1f}°, and points lie up to {seen:.0f}° off the axis; add tilted views that fill the picture",
+        "{tilt:.1f}°, and points lie up to {seen:.0f}° off the axis; tilt the sheet by 20° or more in some "
+        "views that fill the picture",
     )
 
     FEW = (

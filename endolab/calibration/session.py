@@ -256,9 +256,9 @@ def _nothing_found_error(
 ) -> ValueError:
     if isinstance(target, Board):
         readable = (image for _, image in frames if not isinstance(image, ValueError))
-        sizes = [size for size in map(see_board, islice(readable, 2)) if size]
-        if sizes:
-            columns, rows = max(sizes, key=np.prod)
+        seen = next(filter(None, map(see_board, islice(readable, 2))), None)
+        if seen:
+            columns, rows = seen
             return ValueError(
                 f"found no {target.kind} of {target.columns}×{target.rows} squares; these pictures "
                 f"show {columns}×{rows}: add --target chessboard:{columns}x{rows}:SIZE, SIZE as in 3mm"

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from endolab.numerics.arrays import nan_if_undefined
 
 LEAST_WHITE = 0.03  # stored value; what is darker than this is no lit paper
-LARGEST = 0.11  # size of a spot over the picture's width
 Numbers = NDArray[Any]  # OpenCV works in float32 and uint8, too
 
 
@@ -32,7 +31,7 @@ def shrink_picture(image: Numbers) -> Numbers:
 
 def white_of(small: Numbers) -> Numbers:
     """Brightness of the bare paper at each place of a picture, made up where there is ink."""
-    side = 2 * round(LARGEST / 2 * small.shape[1]) + 1
+    side = 2 * round(0.055 * small.shape[1]) + 1
     # Closing keeps what is bright and fills what is dark and narrower than the window.
     white = cv2.morphologyEx(small, cv2.MORPH_CLOSE, np.ones((side, side), np.uint8))
     return cv2.GaussianBlur(white, (0, 0), side / 6)
@@ -48,20 +47,17 @@ def find_blobs(image: Numbers) -> Blobs:
     white = white_of(np.minimum(small, np.maximum(median, 5) * np.float32(1.25 / 255)))
     gain = cv2.resize(1 / np.maximum(white, LEAST_WHITE), (width, height))
     level = cv2.multiply(image, gain)
-    dark = (cv2.GaussianBlur(level, (0, 0), 1.0) < 0.7).astype(np.uint8)
-    _, labels, stats, centroids = cv2.connectedComponentsWithStats(
+    dark = (level < 0.7).astype(np.uint8)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(
         dark, connectivity=4, ltype=cv2.CV_32S
     )
     left, top, wide, high, area = stats.T
     whole = (left > 0) & (top > 0) & (left + wide < width) & (top + high < height)
-    good = whole & (area >= 9) & (np.maximum(wide, high) <= LARGEST * width)
-    column, row = np.nan_to_num(centroids).astype(int).T
-    good &= gain[row, column] < 1 / LEAST_WHITE
+    good = whole & (area >= 9)
     good[0] = False
     number = np.where(good, np.cumsum(good), 0).astype(np.uint16)
     # Closing is swayed by noise: only its mean level nearby makes the bare paper 1.
-    ink = cv2.dilate(dark, np.ones((5, 5), np.uint8)) > 0
-    bare = (~ink & (level > 0.85) & (level < 1.1)).astype(np.float32)
+    bare = ((level > 0.85) & (level < 1.1)).astype(np.float32)
     side = width // 60 * 2 + 1
     light, weight = (cv2.blur(a, (side, side)) for a in (level * bare, bare))
     level = level / ((light + 0.01) / (weight + 0.01))
@@ -69,7 +65,7 @@ def find_blobs(image: Numbers) -> Blobs:
 
 
 def _measure(level: Numbers, labels: Numbers) -> Blobs:
-    """Centroids and ink of labelled spots (1, 2, …) that look like ellipses."""
+    """Centroids and ink of labelled spots (1, 2, …)."""
     count = int(labels.max()) + 1
     wide = cv2.dilate(labels, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (7, 7)))
     place = np.flatnonzero(wide)
@@ -81,21 +77,14 @@ def _measure(level: Numbers, labels: Numbers) -> Blobs:
     def total(values: Numbers) -> Numbers:
         return np.bincount(number, values, count)[1:]
 
-    area = total(inner)
-
-    def mean(values: Numbers) -> Numbers:
-        return total(inner * values) / area
-
     with nan_if_undefined():
+        depth = total(inner * dark) / total(inner)
         # Where the darkness is flat, inside and outside, noise and uneven light must not count.
-        cover = np.clip((dark / mean(dark)[number - 1] - 0.1) / 0.8, 0, 1)
+        cover = np.clip((dark / depth[number - 1] - 0.1) / 0.8, 0, 1)
         moments = np.column_stack([total(cover * x), total(cover * y)])
         centres = moments / total(cover)[:, None]
-        # A uniform ellipse has area 4π √det of its covariance; a pixel adds 1/12 px².
-        xx = mean(x * x) - mean(x) ** 2 + 1 / 12
-        xy = mean(x * y) - mean(x) * mean(y)
-        yy = mean(y * y) - mean(y) ** 2 + 1 / 12
-        solid = area / (4 * np.pi * np.sqrt(xx * yy - xy * xy))
     ink = total(dark)
-    good = (solid > 0.85) & (solid < 1.15) & (ink > 4)
+    # Grey spots are less dark than black ones.
+    usual = np.quantile(np.nan_to_num([0.0, *depth]), 0.8)
+    good = depth > 0.6 * usual
     return Blobs(centres[good], ink[good])

@@ -12,12 +12,11 @@ from endolab.calibration.detection.blobs import Blobs, find_blobs
 from endolab.calibration.detection.lattice import (
     check_places,
     find_lattices,
-    grow,
     places_of,
 )
 from endolab.calibration.refusals import Refusal
 from endolab.calibration.targets import DotGrid
-from endolab.numerics.arrays import FloatArray, IntArray
+from endolab.numerics.arrays import FloatArray, IntArray, nan_if_undefined
 
 
 def read_bits(owner: IntArray, blobs: Blobs, cell: FloatArray, gap: float) -> FloatArray:
@@ -26,19 +25,10 @@ def read_bits(owner: IntArray, blobs: Blobs, cell: FloatArray, gap: float) -> Fl
     `owner`, (h, w), is which blob is at each place of the lattice, `cell` the area of its cell there, px²,
     `gap` the logarithm of the ratio of the areas of large and small dots.
     """
-    size = np.full(owner.shape, np.nan)
-    known = (owner >= 0) & (cell > 0)
-    values = np.log(blobs.ink[owner[known]] / cell[known])
-    place = np.argwhere(known)
-    design = np.column_stack([np.ones(len(place)), place - place.mean(axis=0)])
-    level = np.quantile(values, [0.1, 0.9]).mean()
-    for _ in range(3):
-        # The level drifts over the picture with the white's exposure.
-        rest = values - np.where(values > level, gap, -gap) / 2
-        weight = np.abs(rest - level) < gap / 2
-        level = design @ np.linalg.lstsq(design[weight], rest[weight], rcond=None)[0]
-    size[known] = (values - level) / (gap / 2)
-    return size
+    with nan_if_undefined():
+        values = np.where(owner >= 0, np.log(blobs.ink[owner] / cell), np.nan)
+    level = np.nanquantile(values, [0.1, 0.9]).mean()
+    return (values - level) / (gap / 2)
 
 
 # Turns and shears of a lattice: small whole matrices of determinant 1, plain ones first.
@@ -52,7 +42,7 @@ def match_code(places: IntArray, size: FloatArray, code: IntArray) -> IntArray |
     All turns, shears and shifts of a piece are tried, never mirrored; it must lie within the sheet.
     """
     value = np.clip(size, -1, 1)
-    found = [(-np.inf, places), (-np.inf, places)]
+    best = -np.inf
     trials = 1
     for turn in TURNS:
         spot = places @ turn.T
@@ -64,14 +54,14 @@ def match_code(places: IntArray, size: FloatArray, code: IntArray) -> IntArray |
         row, column = (spot + shift[:, None]).transpose(2, 0, 1)
         score = (2 * code - 1)[row, column] @ value
         trials += len(shift)
-        found += [(score[n], spot + shift[n]) for n in np.argsort(-score)[:2]]
-    (score, onto), (second, _) = sorted(found, key=lambda one: -one[0])[:2]
+        if score.max() > best:
+            best = score.max()
+            onto = spot + shift[score.argmax()]
     # Chance of so few errors for random bits, times the placements tried (Chernoff's bound), below e⁻⁵.
     total = np.abs(value).sum()
-    wrong = np.clip((1 - score / total) / 2, 1e-9, 0.5)
+    wrong = np.clip((1 - best / total) / 2, 1e-9, 0.5)
     rarity = total * (np.log(2) + wrong * np.log(wrong) + (1 - wrong) * np.log(1 - wrong))
-    is_clear = score - second >= 3 and rarity >= np.log(trials) + 5
-    return onto if is_clear else None
+    return onto if rarity >= np.log(trials) + 5 else None
 
 
 def detect_dots(image: FloatArray, target: DotGrid) -> tuple[IntArray, FloatArray]:
@@ -94,13 +84,11 @@ def detect_dots(image: FloatArray, target: DotGrid) -> tuple[IntArray, FloatArra
         if onto is not None:
             sheet[tuple(onto.T)] = piece[tuple(places.T)]
     Refusal.OTHER_CODE.if_(np.all(sheet < 0))
-    sheet = grow(sheet, blobs, cover)
     panel = target.panel_of(target.points).reshape(code.shape)
     for _ in range(2):
         fits, cell = check_places(places_of(sheet, blobs), panel)
         off = np.abs(read_bits(sheet, blobs, cell, gap) - (2 * code - 1))
         # Halfway to the other size is 1.
         sheet = np.where(fits & (off < 0.8), sheet, -1)
-        Refusal.ROUGH_DOTS.if_((sheet >= 0).sum() < constants.LEAST_DOTS)
     ids = np.flatnonzero(sheet >= 0)
     return ids, blobs.centres[sheet.ravel()[ids]]

@@ -38,23 +38,17 @@ def _windows(grid: FloatArray, row: IntArray, column: IntArray) -> FloatArray:
 def _predict(window: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Where the lattice passes the middle of windows, (n, 5, 5, 2), and its steps there: three (n, 2), px.
 
-    A quadratic of column and row is fitted, robustly, to the places around, without the middle.
+    A quadratic of column and row is fitted to the places around, without the middle.
     """
     i, j = np.indices((5, 5)).reshape(2, -1) - REACH
     design = np.column_stack([np.ones(25), i, j, i * i, i * j, j * j])
     products = design[:, :, None] * design[:, None]
     spots = window.reshape(-1, 25, 2)
     known = np.isfinite(spots[..., 0]) & (i * i + j * j > 0)
-    spots = np.where(known[..., None], spots, 0.0)
-    near = known / (1 + 0.5 * (i * i + j * j))
-    weight = near
-    for _ in range(4):
-        # What is not told bends as little as it can.
-        normal = np.tensordot(weight, products, 1) + np.diag([1e-9] * 3 + [1e-3] * 3)
-        fit = np.linalg.solve(normal, design.T @ (weight[..., None] * spots))
-        step = np.sqrt(np.abs(cross(fit[:, 2], fit[:, 1])))
-        off = np.linalg.norm(spots - design @ fit, axis=-1)
-        weight = near / (1 + (off / (0.05 * step[:, None] + 1e-9)) ** 2)
+    weight = known / (1 + 0.5 * (i * i + j * j))
+    # What is not told bends as little as it can.
+    normal = np.tensordot(weight, products, 1) + np.diag([1e-9] * 3 + [1e-3] * 3)
+    fit = np.linalg.solve(normal, design.T @ (weight[..., None] * np.nan_to_num(spots)))
     return fit[:, 0], fit[:, 2], fit[:, 1]
 
 
@@ -82,11 +76,8 @@ def grow(owner: IntArray, blobs: Blobs, cover: tuple[float, float]) -> IntArray:
         with nan_if_undefined():
             covered = blobs.ink[which] / np.abs(cross(along, down))
         good = (off < CLOSE) & (covered > cover[0]) & (covered < cover[1])
-        good &= ~np.isin(which, owner)
         if not good.any():
             return owner
-        # What is certain first, so that it guides the rest.
-        good &= off < 2 * off[good].min() + CLOSE / 3
         order = np.flatnonzero(good)[np.argsort(off[good], kind="stable")]
         order = order[np.unique(which[order], return_index=True)[1]]
         owner[row[order], column[order]] = which[order]
@@ -108,14 +99,12 @@ def find_lattices(blobs: Blobs, cover: tuple[float, float], size: int) -> list[I
     miss = apart.min(axis=2) / length
     first = (miss < CLOSE).argmax(axis=1)
     area = cross(vectors[number, first][:, None], vectors)
-    square = area > 0.7 * length * length[number, first][:, None]
-    second = ((miss < CLOSE) & square).argmax(axis=1)
+    across = (miss < CLOSE) & (area > 0.7 * length * length[number, first][:, None])
+    second = across.argmax(axis=1)
     miss = np.maximum(miss[number, first], miss[number, second])
-    covered = blobs.ink / np.maximum(area[number, second], 1e-9)
-    good = (miss < CLOSE) & (covered > cover[0]) & (covered < cover[1])
     opposite = apart.argmin(axis=2)
     pieces: list[IntArray] = []
-    free = good.copy()
+    free = across.any(axis=1)
     for _ in range(60):
         if not free.any():
             break
@@ -140,7 +129,7 @@ def check_places(
     """Tell which features of a sheet lie where their neighbours place them: `least` at least, of one panel.
 
     `grid`, (h, w, 2), px, is nan where a feature is not seen. Returns, (h, w) each: False for those that
-    lie off by much more than is usual nearby; the area of the lattice's cell, px².
+    lie off by a tenth of a step; the area of the lattice's cell, px².
     """
     row, column = np.indices(panel.shape).reshape(2, -1)
     window = _windows(grid, row, column)
@@ -149,10 +138,5 @@ def check_places(
     place, along, down = _predict(window)
     cell = cross(along, down).reshape(panel.shape)
     miss = _in_cells(grid.reshape(-1, 2) - place, along, down).reshape(panel.shape)
-    misses = np.sort(_windows(miss[..., None], row, column).reshape(-1, 25))
-    middle = (np.isfinite(misses).sum(axis=1) - 1) // 2
-    usual = misses[np.arange(len(misses)), middle].reshape(panel.shape)
     known = np.isfinite(window[..., 0]).sum(axis=(1, 2)).reshape(panel.shape)
-    with nan_if_undefined():
-        most = np.minimum(3 * usual + 0.3 / np.sqrt(cell), 0.12)
-    return (miss <= most) & (known > least), cell
+    return (miss < 0.1) & (known > least), cell
