@@ -8,8 +8,8 @@ All work from neighbour to neighbour in the picture (`lattice`), so that no came
 within two steps foretell the next one, and each must lie where its neighbours put it:
 
     o   o   o   o   o
-    o   o   o   o  (?)     q(row, column): a quadratic fitted, robustly, to the places around
-    o   o   o   o   o      |p - q| ≤ min(3 usual + slack, most_miss), of neighbours on the same panel
+    o   o   o   o  (?)     q(row, column): a quadratic fitted to the places around
+    o   o   o   o   o      |p - q| < 8 % of a step, of neighbours on the same panel
 """
 
 from collections.abc import Callable

@@ -129,7 +129,7 @@ def check_places(
     """Tell which features of a sheet lie where their neighbours place them: `least` at least, of one panel.
 
     `grid`, (h, w, 2), px, is nan where a feature is not seen. Returns, (h, w) each: False for those that
-    lie off by a tenth of a step; the area of the lattice's cell, px².
+    lie off by 8 % of a step; the area of the lattice's cell, px².
     """
     row, column = np.indices(panel.shape).reshape(2, -1)
     window = _windows(grid, row, column)
@@ -139,4 +139,4 @@ def check_places(
     cell = cross(along, down).reshape(panel.shape)
     miss = _in_cells(grid.reshape(-1, 2) - place, along, down).reshape(panel.shape)
     known = np.isfinite(window[..., 0]).sum(axis=(1, 2)).reshape(panel.shape)
-    return (miss < 0.1) & (known > least), cell
+    return (miss < 0.08) & (known > least), cell
