@@ -28,6 +28,7 @@ class Refusal(Enum):
     FEW_SPOTS = "target", "too few dark spots"
     NO_GRID = "target", "the dark spots form no grid"
     OTHER_CODE = "target", "the code of the dots does not match"
+    ROUGH_DOTS = "target", "the dots do not lie on a smooth sheet"
     ROUGH_CORNERS = "target", "the corners do not lie on a smooth sheet"
     MIRRORED = "target", "the picture is a mirror image: exchange its left and right"
     FEW_CORNERS = (

@@ -86,5 +86,5 @@ def _measure(level: Numbers, labels: Numbers) -> Blobs:
     ink = total(dark)
     # Grey spots are less dark than black ones.
     usual = np.quantile(np.nan_to_num([0.0, *depth]), 0.8)
-    good = depth > 0.6 * usual
+    good = (ink > 0) & (depth > 0.6 * usual)
     return Blobs(centres[good], ink[good])

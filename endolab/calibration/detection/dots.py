@@ -26,7 +26,9 @@ def read_bits(owner: IntArray, blobs: Blobs, cell: FloatArray, gap: float) -> Fl
     `gap` the logarithm of the ratio of the areas of large and small dots.
     """
     with nan_if_undefined():
-        values = np.where(owner >= 0, np.log(blobs.ink[owner] / cell), np.nan)
+        values = np.log(
+            np.where((owner >= 0) & (cell > 0), blobs.ink[owner] / cell, np.nan)
+        )
     level = np.nanquantile(values, [0.1, 0.9]).mean()
     return (values - level) / (gap / 2)
 
@@ -90,5 +92,6 @@ def detect_dots(image: FloatArray, target: DotGrid) -> tuple[IntArray, FloatArra
         off = np.abs(read_bits(sheet, blobs, cell, gap) - (2 * code - 1))
         # Halfway to the other size is 1.
         sheet = np.where(fits & (off < 0.8), sheet, -1)
+        Refusal.ROUGH_DOTS.if_((sheet >= 0).sum() < constants.LEAST_DOTS)
     ids = np.flatnonzero(sheet >= 0)
     return ids, blobs.centres[sheet.ravel()[ids]]
