@@ -74,18 +74,6 @@ class Model:
 
 
 # Normal equations -----------------------------------------------------------------------
-def _square(a: FloatArray) -> FloatArray:
-    """Return aᵀ a for a tall matrix, (n, p), by pieces of rows.
-
-    The pieces are so small that BLAS keeps to one thread. On a whole tall matrix it takes several,
-    and on a busy machine these wait for each other ten times longer than they work.
-    """
-    square = np.zeros((a.shape[1],) * 2)
-    for piece in np.array_split(a, len(a) // 256 + 1):
-        square += piece.T @ piece
-    return square
-
-
 class Arrow:
     """Normal equations of a linearised model with weights (n,), own unknowns eliminated.
 
@@ -106,7 +94,8 @@ class Arrow:
         b = by_own * root[..., None]
         across = np.swapaxes(b, 1, 2)
         first = np.searchsorted(group, np.arange(group[-1] + 1))
-        self.common = _square(a.reshape(r.size, -1))
+        # BLAS would take several threads, which on a busy machine wait for each other.
+        self.common = np.einsum("nmp,nmq->pq", a, a)
         self.gradient = np.einsum("nmp,nmi->p", a, r)
         self.own = np.add.reduceat(across @ b, first)
         self.own_gradient = np.add.reduceat(across @ r, first)[..., 0]
