@@ -22,10 +22,10 @@ alike, and the others not at all, because a Huber penalty is still pulled by the
 residuals are frozen while a cost is minimised; rounds repeat until a choice comes up again.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 import scipy
@@ -33,6 +33,18 @@ import scipy
 from endolab.calibration import constants
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray, nan_if_undefined
 from endolab.numerics.iteration import Status
+
+Row = tuple[str, float, float, str]  # name, value, its standard error, unit
+
+
+def list_rows(
+    values: Mapping[str, tuple[float, str]], errors: Mapping[str, float]
+) -> list[Row]:
+    """List values, with their units, and their standard errors; nan where there is none."""
+    return [
+        (name, value, errors.get(name, np.nan), unit)
+        for name, (value, unit) in values.items()
+    ]
 
 
 # The problem ----------------------------------------------------------------------------
@@ -44,15 +56,8 @@ class Model:
     mean: FloatArray  # (p,), of each common unknown before the fit
     sd: FloatArray  # (p,), its standard deviation: 0 if it is given, inf if nothing is known
 
-    of_each: ClassVar[tuple[str, ...]] = ()  # fields that have a row for each measurement
     # Of one number of a measurement, the least standard deviation; by default, rounding.
     smallest: ClassVar[float] = 1e-4
-
-    def part(self, which: BoolArray) -> Self:
-        """Return the same problem of some of the measurements, and of the groups that they are of."""
-        _, group = np.unique(self.group[which], return_inverse=True)
-        rows = {name: getattr(self, name)[which] for name in self.of_each}
-        return replace(self, group=group, **rows)
 
     def linearise(
         self, common: FloatArray, own: FloatArray
@@ -69,18 +74,6 @@ class Model:
 
 
 # Normal equations -----------------------------------------------------------------------
-def _square(a: FloatArray) -> FloatArray:
-    """Return aᵀ a for a tall matrix, (n, p), by pieces of rows.
-
-    The pieces are so small that BLAS keeps to one thread. On a whole tall matrix it takes several,
-    and on a busy machine these wait for each other ten times longer than they work.
-    """
-    square = np.zeros((a.shape[1],) * 2)
-    for piece in np.array_split(a, len(a) // 256 + 1):
-        square += piece.T @ piece
-    return square
-
-
 class Arrow:
     """Normal equations of a linearised model with weights (n,), own unknowns eliminated.
 
@@ -101,7 +94,8 @@ class Arrow:
         b = by_own * root[..., None]
         across = np.swapaxes(b, 1, 2)
         first = np.searchsorted(group, np.arange(group[-1] + 1))
-        self.common = _square(a.reshape(r.size, -1))
+        # BLAS would take several threads, which on a busy machine wait for each other.
+        self.common = np.einsum("nmp,nmq->pq", a, a)
         self.gradient = np.einsum("nmp,nmi->p", a, r)
         self.own = np.add.reduceat(across @ b, first)
         self.own_gradient = np.add.reduceat(across @ r, first)[..., 0]
@@ -158,9 +152,6 @@ class Fit:
     residual: FloatArray  # (n, m)
     used: BoolArray  # (n,), measurements that count
     sigma: float  # standard deviation of one number of a residual
-    # (p, p), of the common unknowns: 0 for what is given, inf on the diagonal of what is not told.
-    covariance: FloatArray
-    own_covariance: FloatArray  # (groups, b, b), the common unknowns' uncertainty included
     status: Status
 
 
@@ -256,23 +247,23 @@ def fit(
     model: Model,
     common: FloatArray,
     own: FloatArray,
-    finest: float = constants.FINEST_STEP,
+    among: BoolArray | bool = True,
 ) -> Fit:
     """Fit a model from its unknowns: the common ones, (p,), and each group's own, (groups, b).
 
-    A step that moves no unknown by more than `finest` of its standard error is the last. ValueError if no
-    measurement is usable, or too few are left.
+    Of the measurements, those `among` (n,) count. ValueError if none is usable, or too few are left.
     """
     free = model.sd > 0
-    count = int(np.sum(free)) + own.size
     residual = model.linearise(common, own)[0]
     used = np.zeros(len(model.group), bool)
     sigma = np.inf
     near = False
     choices: set[bytes] = set()
     for _ in range(30):
-        good = model.usable(common, own)
+        good = model.usable(common, own) & among
         before = sigma
+        groups = len(np.unique(model.group[good]))
+        count = np.count_nonzero(free) + own.shape[1] * groups
         sigma = robust_sigma(residual, good, count, model.smallest)
         near = near or abs(before - sigma) < 0.1 * sigma
         if near:
@@ -284,22 +275,34 @@ def fit(
             choices.add(good.tobytes())
         used = good
         # The Huber penalty only has to come near.
-        limit, tolerance = (1e9, finest) if near else (constants.HUBER, 1.0)
+        limit, tolerance = (1e9, 0.01) if near else (1.5, 1.0)
         equations = partial(_equations, model, used, sigma, limit)
         common, own, status = _descend(equations, common, own, free, tolerance)
         residual = model.linearise(common, own)[0]
     else:
         status = Status.STALLED
-    arrow = _equations(model, used, sigma, 1e9, common, own)[1]
+    return Fit(common, own, residual, used, sigma, status)
+
+
+def covariances(model: Model, fitted: Fit) -> tuple[FloatArray, FloatArray]:
+    """Return the covariance of the common unknowns, (p, p), and of the own ones, (groups, b, b), of a fit.
+
+    The latter includes the former. 0 for what is given, inf on the diagonal of what is not told.
+    """
+    free = model.sd > 0
+    unknowns = fitted.common, fitted.own
+    arrow = _equations(model, fitted.used, fitted.sigma, 1e9, *unknowns)[1]
     of_free, of_own = arrow.covariance()
     covariance = np.zeros((len(free), len(free)))
     covariance[np.ix_(free, free)] = of_free
-    return Fit(common, own, residual, used, sigma, covariance, of_own, status)
+    return covariance, of_own
 
 
 # Frames left out ------------------------------------------------------------------------
-def jackknife(model: Model, fitted: Fit, frame: IntArray, known: FloatArray) -> Fit:
-    """Return a fit with the covariances that follow from how far it moves without each frame in turn.
+def jackknife(
+    model: Model, fitted: Fit, frame: IntArray, known: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return `covariances` that follow from how far a fit moves without each frame in turn.
 
     What is wrong with a frame is wrong with many of its measurements, so that C, the covariance of the fit,
     is too small. With r the residuals, a their derivatives by the common unknowns when the own ones give way,
@@ -312,8 +315,9 @@ def jackknife(model: Model, fitted: Fit, frame: IntArray, known: FloatArray) -> 
     `frame`, (n,), is the number of each measurement's, from 0. What is not told stays so.
     """
     frames = frame.max() + 1
-    lost = np.isinf(np.diag(fitted.covariance))
-    before = np.where(lost | lost[:, None], 0.0, fitted.covariance)
+    covariance, of_own = covariances(model, fitted)
+    lost = np.isinf(np.diag(covariance))
+    before = np.where(lost | lost[:, None], 0.0, covariance)
     residual, by_common, by_own = model.linearise(fitted.common, fitted.own)
     weight = fitted.used / fitted.sigma**2
     arrow = Arrow(residual, by_common, by_own, weight, model.group)
@@ -336,9 +340,9 @@ def jackknife(model: Model, fitted: Fit, frame: IntArray, known: FloatArray) -> 
         after += np.cov(np.transpose(moves), bias=True) * (frames - 1)
     pull *= known[believed] / model.sd[believed]
     after += pull @ pull.T
-    own = fitted.own_covariance + gain @ (after - before) @ np.swapaxes(gain, 1, 2)
+    of_own = of_own + gain @ (after - before) @ np.swapaxes(gain, 1, 2)
     after[lost, lost] = np.inf
-    return replace(fitted, covariance=after, own_covariance=own)
+    return after, of_own
 
 
 def hold_out(
@@ -351,20 +355,17 @@ def hold_out(
     can be used; and the root of the mean over measurements that the fit of all counts.
     """
     squares = np.full(len(frame), np.inf)
-    for part in range(constants.PARTS):
-        held = frame % constants.PARTS == part
+    for part in range(3):
+        held = frame % 3 == part
         try:
-            own = fitted.own[np.unique(model.group[~held])]
-            common = fit(
-                model.part(~held), fitted.common, own, constants.COARSE_STEP
-            ).common
-            others = replace(model.part(held), mean=common, sd=0 * common)
-            own = fitted.own[np.unique(model.group[held])]
-            predicted = fit(others, common, own)
+            common = fit(model, fitted.common, fitted.own, ~held).common
+            given = replace(model, mean=common, sd=0 * common)
+            predicted = fit(given, common, fitted.own, held)
         except (ValueError, ArithmeticError):
             continue
-        good = others.usable(common, predicted.own)
-        squares[held] = np.where(good, np.sum(predicted.residual**2, axis=1), np.nan)
+        good = model.usable(common, predicted.own)
+        off = np.where(good, np.sum(predicted.residual**2, axis=1), np.nan)
+        squares[held] = off[held]
     squares = np.minimum(squares, (constants.OUTLIER * sigma) ** 2)
     known = np.isfinite(squares)
     with nan_if_undefined():
@@ -376,4 +377,4 @@ def hold_out(
 def is_better(squares: FloatArray, than: FloatArray) -> bool:
     """Tell whether frames held out are predicted better, by more than 2 of the ± of that."""
     falls = np.nan_to_num(than - squares)
-    return bool(falls.sum() > constants.LEAST_FALL * falls.std() * np.sqrt(len(falls)))
+    return bool(falls.sum() > 2 * falls.std() * np.sqrt(len(falls)))

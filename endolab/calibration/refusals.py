@@ -47,7 +47,6 @@ class Refusal(Enum):
         "pose",
         f"a pose needs {constants.LEAST_POINTS} points at least, got {{count}}",
     )
-    ON_LINE = "pose", "its points lie on one line"
     DISORDER = "pose", "its points do not lie to each other as the target's do"
     BEHIND = "pose", "its points are mirrored: the paper would be seen from behind"
     DISAGREE = "pose", "only {good} of its {count} points agree with the others"
@@ -60,15 +59,11 @@ class Refusal(Enum):
         "camera",
         f"{VIEWS_NEEDED}, got {{count}}: the sheet hardly moves in the {{views}} views",
     )
-    SQUARE = (
-        "camera",
-        "views square to the axis cannot tell the focal length from the distance: the sheet's largest tilt "
-        "is {tilt:.1f}°; tilt the sheet by 20° or more in some views",
-    )
     UNSURE_CAMERA = (
         "camera",
         "the views do not tell {name}: its standard error is {error:.0f} px; the sheet's largest tilt is "
-        "{tilt:.1f}°, and points lie up to {seen:.0f}° off the axis; add tilted views that fill the picture",
+        "{tilt:.1f}°, and points lie up to {seen:.0f}° off the axis; tilt the sheet by 20° or more in some "
+        "views that fill the picture",
     )
 
     FEW = (
@@ -149,7 +144,6 @@ class Doubt(Enum):
         "or elsewhere."
     )
     MATT = "The surface was taken to be matt (Lambertian): a sheen would show as wrong k and γ."
-    CLIPPED = "The residuals are so large that they reach out of the sensor's range, which biases the result."
 
 
 class Verdict(Enum):

@@ -1,8 +1,21 @@
-"""A calibration from end to end: frames of a target in, the endoscope's camera and light out."""
+"""A calibration from end to end: frames of a target in, the endoscope's camera and light out.
+
+frames, target
+   |  detect_all    where the target is seen in each
+   v
+Detected
+   |  fit_camera    the camera, from some of the views, unless it is given
+   |  locate        where the target stood in every frame
+   v
+Located
+   |  fit_light     the light, from how bright the paper is there
+   v
+Session             what came of it; `summary` says it
+"""
 
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import islice
 from operator import length_hint
 from typing import Any
@@ -15,10 +28,11 @@ from endolab.calibration.geometric.fit import GeometricFit, calibrate_camera
 from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.geometric.projection import Lens
 from endolab.calibration.geometric.reprojection import find_pose, views_of
+from endolab.calibration.least_squares import Row
 from endolab.calibration.photometric.fit import LightOptions, calibrate_light
-from endolab.calibration.photometric.result import PhotometricFit, Row
+from endolab.calibration.photometric.result import PhotometricFit
 from endolab.calibration.photometric.samples import Samples, sample_sheet
-from endolab.calibration.refusals import Doubt, Refusal, Verdict
+from endolab.calibration.refusals import Refusal, Verdict
 from endolab.calibration.targets import Board, Charuco, Target
 from endolab.calibration.uncertainty import ray_uncertainty, values_within
 from endolab.frames.frame import check_size
@@ -30,44 +44,44 @@ Progress = Callable[[str, int, int], None]
 # One pose a panel, None for one that was not located.
 Panels = tuple[Pose | None, ...]
 Named = Iterable[tuple[str, FloatArray | ValueError]]
-LEFT_OUT = str(Refusal.LEFT_OUT.error())
+LEFT_OUT = no_features(str(Refusal.LEFT_OUT.error()))
 
 
 @dataclass(frozen=True, eq=False)
-class Session:
-    """All that came of a calibration; `Session.samples.frame` counts the keys of `poses`."""
+class Located:
+    """A camera, and where a target stood before it."""
 
     target: Target
-    detections: dict[str, Detection]  # by the name of the frame, in order
+    detections: Mapping[str, Detection]  # by the name of the frame, in order
     geometry: GeometricFit | None  # None if the camera was given
     camera: Lens
     # Of each panel, for the frames where the target was located.
     poses: dict[str, Panels]
+    # Of located frames, rms of what counts, px, on the worse panel.
+    errors: dict[str, float]
+    dropped: dict[str, str]  # frames that were not used, and why
+
+
+@dataclass(frozen=True, eq=False)
+class Session(Located):
+    """All that came of a calibration; `Session.samples.frame` counts the keys of `poses`."""
+
     samples: Samples  # of all located frames
     light: PhotometricFit | None  # None if the samples could not tell it
     refused: str = ""  # why not; empty if they could
-    # Frames that were not used, and why.
-    dropped: dict[str, str] = field(default_factory=dict)
-    # Of located frames, rms of what counts, px, on the worse panel.
-    errors: dict[str, float] = field(default_factory=dict)
 
     @property
     def verdict(self) -> Verdict:
-        """What can be used of it."""
-        if (
-            self.geometry is not None
-            and self.geometry.agreement < constants.LEAST_AGREEMENT
-        ):
+        """What can be used of it: of simulated views, all but 2 to 8 % of the points agree."""
+        if self.geometry is not None and self.geometry.agreement < 0.85:
             return Verdict.USELESS
         return Verdict.CAMERA_ALONE if self.light is None else Verdict.USE
 
     @property
     def remarks(self) -> list[str]:
         """What may be wrong with it, or was left to choose, a sentence each."""
-        doubts = [] if self.light is None else self.light.doubts
-        if self.geometry is not None and self.geometry.alike:
-            doubts = [Doubt.LENSES_ALIKE, *doubts]
-        return [doubt.value for doubt in doubts]
+        fits = (self.geometry, self.light)
+        return [doubt.value for fit in fits if fit is not None for doubt in fit.doubts]
 
     def table(self) -> list[Row]:
         """Name, value, standard error and unit of all that was found: the camera, the light, how they fit.
@@ -93,27 +107,26 @@ def silent(stage: str, done: int, total: int) -> None:
     """Say nothing of the progress."""
 
 
+# Detect ---------------------------------------------------------------------------------
 def detect_all(
     frames: Named,
     target: Target,
     *,
     progress: Progress = silent,
-    camera: Lens | None = None,
     leave_out: Collection[str] = (),
 ) -> tuple[dict[str, Detection], tuple[int, int] | None]:
     """Find the target in named frames, (H, W) or (H, W, 3), a ValueError for one that could not be read.
 
-    `progress` is told the stage, what is done and the total, 0 if it is not known. Returns the detections by
-    name, and width and height, px, which all frames must share, and which must be those of the `camera` that
-    is to look at them; None if none could be read. Those that `leave_out` names are not looked at.
+    `progress` is told the stage, what is done and the total, 0 if it is not known. Those that `leave_out`
+    names are not looked at; the others must share their size. Returns the detections by name, and width and
+    height, px; None if no frame could be read.
     """
-    first = "the camera"
-    size = None if camera is None else (camera.width, camera.height)
+    size = None
     detections: dict[str, Detection] = {}
     total = length_hint(frames)
     for number, (name, image) in enumerate(frames):
         if name in leave_out:
-            detections[name] = no_features(LEFT_OUT)
+            detections[name] = LEFT_OUT
         elif isinstance(image, ValueError):
             # Without the file's name, so that frames with one reason come together.
             detections[name] = no_features(str(image).split(": ", 1)[-1])
@@ -131,54 +144,95 @@ def detect_all(
     return detections, size
 
 
+# Fit ------------------------------------------------------------------------------------
 def choose_views(detections: Mapping[str, Detection], every: int = 20) -> list[str]:
     """Name frames for the geometry, in order: the best of each `every` that show the target; more if few."""
     seen = [name for name in detections if len(detections[name].ids)]
-    every = max(1, min(every, len(seen) // constants.ENOUGH_VIEWS))
+    every = max(1, min(every, len(seen) // 15))
     groups = (seen[start : start + every] for start in range(0, len(seen), every))
     return [max(group, key=lambda name: len(detections[name].ids)) for group in groups]
 
 
 def locate(
     detections: Mapping[str, Detection],
+    size: tuple[int, int],
     target: Target,
-    camera: Lens,
+    *,
+    camera: Lens | None = None,
+    lens: str = "auto",
+    every: int = 20,
     progress: Progress = silent,
-) -> tuple[dict[str, Panels], dict[str, float], dict[str, str]]:
-    """Find the poses of the target's panels in every frame.
+) -> Located:
+    """Calibrate the camera, if none is given, and find the poses of the target's panels in every frame.
 
-    Returns, of the frames where at least one panel was located, the poses and the root mean square distance
-    of the points that count, px, of the panel where it is largest; and why the others are dropped. A frame
-    does not belong to the others if that is ten times the median.
+    A frame does not belong to the others if its points are off by ten times the median.
     """
+    geometry = None
+    if camera is None:
+        chosen = choose_views(detections, every)
+        views = [
+            view for name in chosen for view in views_of(name, detections[name], target)
+        ]
+        try:
+            geometry = calibrate_camera(views, target, *size, lens=lens)
+        except ValueError as error:
+            raise ValueError(f"{error}; {_reasons(detections)}") from None
+        camera = geometry.camera
+    check_size("a frame", size, camera, "camera")
     poses: dict[str, Panels] = {}
     errors: dict[str, float] = {}
     dropped: dict[str, str] = {}
     for number, (name, detection) in enumerate(detections.items()):
         placed: list[Pose | None] = [None] * target.panels
-        reason = detection.reason or "too few points"
-        far = []
+        dropped[name] = detection.reason or "too few points"
         for view in views_of(name, detection, target):
             try:
                 placed[view.panel], inliers, residual = find_pose(view, target, camera)
-                squares = np.sum(residual[inliers] ** 2, axis=1)
-                far.append(float(np.sqrt(np.mean(squares))))
+                off = float(np.sqrt(np.mean(np.sum(residual[inliers] ** 2, axis=1))))
+                errors[name] = max(off, errors.get(name, 0.0))
+                poses[name] = tuple(placed)
             except ValueError as error:
-                reason = str(error)
-        if far:
-            poses[name] = tuple(placed)
-            errors[name] = max(far)
-        else:
-            dropped[name] = reason
+                dropped[name] = str(error)
         progress("locating", number + 1, len(detections))
-    usual = float(np.median(list(errors.values()) or [0.0]))
-    for name, off in errors.items():
-        if off > constants.ALIEN * max(usual, constants.FINEST):
-            del poses[name]
+    usual = float(np.median([*errors.values(), constants.FINEST]))
+    for name, off in list(errors.items()):
+        if off < 10 * max(usual, constants.FINEST):
+            del dropped[name]
+        else:
+            del poses[name], errors[name]
             dropped[name] = str(Refusal.ALIEN.error(off=off, usual=usual))
-    return poses, {name: errors[name] for name in poses}, dropped
+    return Located(target, detections, geometry, camera, poses, errors, dropped)
 
 
+def fit_light(
+    frames: Named,
+    located: Located,
+    *,
+    channel: str = "grey",
+    progress: Progress = silent,
+    **light: Any,
+) -> Session:
+    """Calibrate the light by the brightness of the located frames, with the options of `calibrate_light`."""
+    weights = GREY_WEIGHTS if channel == "grey" else np.equal(CHANNELS, channel)
+    poses = located.poses
+    parts: list[Samples] = []
+    for name, image in frames:
+        if not isinstance(image, ValueError) and name in poses:
+            grey = image if image.ndim == 2 else image @ weights
+            where = located.target, poses[name], located.camera
+            parts.append(sample_sheet(grey, *where, frame=list(poses).index(name)))
+            progress("sampling", len(parts), len(poses))
+    samples = Samples.concatenate(parts)
+    # Whatever fails, be it arithmetic, the camera is not lost.
+    try:
+        return Session(
+            **vars(located), samples=samples, light=calibrate_light(samples, **light)
+        )
+    except (ValueError, ArithmeticError) as error:
+        return Session(**vars(located), samples=samples, light=None, refused=str(error))
+
+
+# Say ------------------------------------------------------------------------------------
 def by_reason(dropped: Mapping[str, str]) -> list[str]:
     """Say which frames were dropped and why, one line a reason, most frequent first."""
     lines = []
@@ -202,9 +256,9 @@ def _nothing_found_error(
 ) -> ValueError:
     if isinstance(target, Board):
         readable = (image for _, image in frames if not isinstance(image, ValueError))
-        sizes = [size for size in map(see_board, islice(readable, 2)) if size]
-        if sizes:
-            columns, rows = max(sizes, key=np.prod)
+        seen = next(filter(None, map(see_board, islice(readable, 2))), None)
+        if seen:
+            columns, rows = seen
             return ValueError(
                 f"found no {target.kind} of {target.columns}×{target.rows} squares; these pictures "
                 f"show {columns}×{rows}: add --target chessboard:{columns}x{rows}:SIZE, SIZE as in 3mm"
@@ -295,43 +349,19 @@ def calibrate(
         frames = list(frames)
     if detections is None:
         detections, size = detect_all(
-            frames,
-            target,
-            progress=progress,
-            camera=camera,
-            leave_out=leave_out,
+            frames, target, progress=progress, leave_out=leave_out
         )
     check_names(leave_out, detections)
-    kept = {name: found for name, found in detections.items() if name not in leave_out}
-    if size is None or not any(len(detection.ids) for detection in kept.values()):
-        raise _nothing_found_error(frames, kept, target)
-    geometry = None
-    if camera is None:
-        chosen = choose_views(kept, every)
-        views = [view for name in chosen for view in views_of(name, kept[name], target)]
-        try:
-            geometry = calibrate_camera(views, target, *size, lens=lens)
-        except ValueError as error:
-            raise ValueError(f"{error}; {_reasons(kept)}") from None
-        camera = geometry.camera
-    check_size("a frame", size, camera, "camera")
-    poses, errors, dropped = locate(kept, target, camera, progress)
-    dropped |= dict.fromkeys(leave_out, LEFT_OUT)
-    weights = GREY_WEIGHTS if channel == "grey" else np.equal(CHANNELS, channel)
-    parts: list[Samples] = []
-    for name, image in frames:
-        if not isinstance(image, ValueError) and name in poses:
-            grey = image if image.ndim == 2 else image @ weights
-            frame = list(poses).index(name)
-            parts.append(sample_sheet(grey, target, poses[name], camera, frame=frame))
-            progress("sampling", len(parts), len(poses))
-    samples = Samples.concatenate(parts)
-    fit = None
-    refused = ""
-    # Whatever fails from here on, be it arithmetic, the camera is not lost.
-    try:
-        fit = calibrate_light(samples, **light)
-    except (ValueError, ArithmeticError) as error:
-        refused = str(error)
-    found = geometry, camera, poses, samples, fit, refused, dropped, errors
-    return Session(target, dict(detections), *found)
+    detections = {**detections, **dict.fromkeys(leave_out, LEFT_OUT)}
+    if size is None or not any(len(detection.ids) for detection in detections.values()):
+        raise _nothing_found_error(frames, detections, target)
+    located = locate(
+        detections,
+        size,
+        target,
+        camera=camera,
+        lens=lens,
+        every=every,
+        progress=progress,
+    )
+    return fit_light(frames, located, channel=channel, progress=progress, **light)

@@ -30,7 +30,6 @@ def evidence(session: Session, source: str = "", channel: str = "grey") -> dict[
             "views_dropped": geometry.dropped,
             "points": good.sum(),
             "outliers": np.sum(~good),
-            "status": geometry.status.value,
         }
     photometry = {"refused": session.refused, "nominal": True}
     if light is not None:
@@ -41,20 +40,17 @@ def evidence(session: Session, source: str = "", channel: str = "grey") -> dict[
             "samples": light.used.sum(),
             "alpha_range_deg": np.rad2deg(light.alpha_range),
             "theta_range_deg": np.rad2deg(light.theta_range),
-            "power": light.power,
-            "doubts": [doubt.value for doubt in light.doubts],
-            "status": light.status.value,
             "gains": dict(zip(names, light.gains, strict=True)),
             "gain_errors": dict(zip(names, light.gain_errors, strict=True)),
             "errors_by_angle": asdict(light.errors_by_angle(session.samples)),
         }
-    kind = {"description": describe_target(target), "kind": target.kind}
     facts = {
         "source": source,
         "channel": channel,
         "verdict": session.verdict.value,
+        "remarks": session.remarks,
         "table": [dict(zip(row, values, strict=True)) for values in session.table()],
-        "target": kind | asdict(target),
+        "target": {"description": describe_target(target), **asdict(target)},
         "camera": camera,
         "photometry": photometry,
         "frames": {

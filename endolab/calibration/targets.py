@@ -39,22 +39,10 @@ class Target:
     rows: Count
     spacing: Length  # between neighbours, or the side of a square, mm
     margin: Length = 10.0  # white paper around the features, mm
-    # A sheet of dots is folded between this many columns on the left and the rest.
-    fold: Whole | None = None
 
+    fold: ClassVar[int | None] = None
     found_whole: ClassVar[bool] = False  # or not at all
     inner: ClassVar[int] = 0  # features are so many fewer than columns, and than rows
-
-    @model_validator(mode="after")
-    def _check_fold(self) -> Self:
-        if self.fold is not None and (
-            self.kind != "dots" or not 2 <= self.fold <= self.columns - 2
-        ):
-            raise ValueError(
-                f"fold must leave two columns of dots on each side, got {self.fold} "
-                f"of {self.columns} columns of a {self.kind} target"
-            )
-        return self
 
     @cached_property
     def points(self) -> FloatArray:
@@ -120,9 +108,15 @@ class DotGrid(Target):
     seed: Annotated[Whole, Field(ge=0, le=2**32 - 1)] = 71
     # Reflectance of grey discs printed in every second cell; they tell γ.
     greys: Annotated[float, Field(ge=0.001, le=0.999)] | None = None
+    # The sheet is folded between this many columns on the left and the rest.
+    fold: Whole | None = None  # type: ignore[misc]
 
     @model_validator(mode="after")
-    def _check_radii(self) -> Self:
+    def _check(self) -> Self:
+        if self.fold is not None and not 2 <= self.fold <= self.columns - 2:
+            raise ValueError(
+                f"fold must leave two columns of dots on each side, got {self.fold} of {self.columns}"
+            )
         if not self.small < self.large < self.spacing / 2:
             raise ValueError(
                 f"the radii must be small < large < spacing / 2, got small {self.small}, "

@@ -62,7 +62,7 @@ def test_frames_that_are_left_out_count_for_nothing(video):
     how = {"detections": mixed, "size": SIZE}
     found = calibrate(frames, SHEET, leave_out=liars, **how)
     assert abs(found.camera.fx - CAMERA.fx) < 0.1
-    assert [found.dropped[name] for name in liars] == [LEFT_OUT] * 2
+    assert [found.dropped[name] for name in liars] == [LEFT_OUT.reason] * 2
     assert not set(liars) & (set(found.poses) | set(found.errors))
     with pytest.raises(ValueError, match="none"):
         calibrate(frames, SHEET, leave_out=["none"], **how)
@@ -143,7 +143,7 @@ def test_a_frame_whose_half_does_not_belong_is_left_out_and_named():
     rng = np.random.default_rng(0)
     shaken = found.pixels + half[:, None] * rng.normal(0, 3, found.pixels.shape)
     detections["frame_5"] = replace(found, pixels=shaken)
-    poses, errors, dropped = locate(detections, target, session.camera)
-    assert set(dropped) == {"frame_5"}
-    assert "px off" in dropped["frame_5"]
-    assert set(poses) == set(errors) == set(detections) - {"frame_5"}
+    found = locate(detections, (160, 120), target, camera=session.camera)
+    assert set(found.dropped) == {"frame_5"}
+    assert "px off" in found.dropped["frame_5"]
+    assert set(found.poses) == set(found.errors) == set(detections) - {"frame_5"}

@@ -7,9 +7,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from endolab.calibration import constants
 from endolab.numerics.arrays import nan_if_undefined
 
+LEAST_WHITE = 0.03  # stored value; what is darker than this is no lit paper
 Numbers = NDArray[Any]  # OpenCV works in float32 and uint8, too
 
 
@@ -31,80 +31,60 @@ def shrink_picture(image: Numbers) -> Numbers:
 
 def white_of(small: Numbers) -> Numbers:
     """Brightness of the bare paper at each place of a picture, made up where there is ink."""
-    side = 2 * round(constants.LARGEST / 2 * small.shape[1]) + 1
+    side = 2 * round(0.055 * small.shape[1]) + 1
     # Closing keeps what is bright and fills what is dark and narrower than the window.
     white = cv2.morphologyEx(small, cv2.MORPH_CLOSE, np.ones((side, side), np.uint8))
     return cv2.GaussianBlur(white, (0, 0), side / 6)
 
 
-def find_blobs(image: Numbers, greys: bool = False) -> Blobs:
-    """Find dark round spots on lit paper, in (H, W) float32 of [0, 1].
-
-    `greys`: there are grey spots, which are to be left out; faint black ones are then lost.
-    """
+def find_blobs(image: Numbers) -> Blobs:
+    """Find dark round spots on lit paper, in (H, W) float32 of [0, 1]."""
     height, width = image.shape
     small = shrink_picture(image)
     # Small glints would pass for white: nothing may be much brighter than the median around it.
     window = small.shape[1] // 40 * 2 + 1
     median = cv2.medianBlur(cv2.convertScaleAbs(small, alpha=255), window)
     white = white_of(np.minimum(small, np.maximum(median, 5) * np.float32(1.25 / 255)))
-    gain = cv2.resize(1 / np.maximum(white, constants.LEAST_WHITE), (width, height))
+    gain = cv2.resize(1 / np.maximum(white, LEAST_WHITE), (width, height))
     level = cv2.multiply(image, gain)
-    least = constants.GREY_DARKNESS if greys else constants.LEAST_DARKNESS
-    dark = (cv2.GaussianBlur(level, (0, 0), 1.0) < 1 - least).astype(np.uint8)
-    _, labels, stats, centroids = cv2.connectedComponentsWithStats(
+    dark = (level < 0.7).astype(np.uint8)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(
         dark, connectivity=4, ltype=cv2.CV_32S
     )
     left, top, wide, high, area = stats.T
     whole = (left > 0) & (top > 0) & (left + wide < width) & (top + high < height)
-    good = whole & (area >= 9) & (np.maximum(wide, high) <= constants.LARGEST * width)
-    column, row = np.nan_to_num(centroids).astype(int).T
-    good &= gain[row, column] < 1 / constants.LEAST_WHITE
+    good = whole & (area >= 9)
     good[0] = False
     number = np.where(good, np.cumsum(good), 0).astype(np.uint16)
     # Closing is swayed by noise: only its mean level nearby makes the bare paper 1.
-    ink = cv2.dilate(dark, np.ones((5, 5), np.uint8)) > 0
-    bare = (~ink & (level > 0.85) & (level < 1.1)).astype(np.float32)
+    bare = ((level > 0.85) & (level < 1.1)).astype(np.float32)
     side = width // 60 * 2 + 1
     light, weight = (cv2.blur(a, (side, side)) for a in (level * bare, bare))
     level = level / ((light + 0.01) / (weight + 0.01))
-    return _measure(level, number[labels], greys)
+    return _measure(level, number[labels])
 
 
-def _measure(level: Numbers, labels: Numbers, greys: bool) -> Blobs:
-    """Centroids and ink of labelled spots (1, 2, …) that look like ellipses."""
-    width = labels.shape[1]
+def _measure(level: Numbers, labels: Numbers) -> Blobs:
+    """Centroids and ink of labelled spots (1, 2, …)."""
     count = int(labels.max()) + 1
     wide = cv2.dilate(labels, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (7, 7)))
     place = np.flatnonzero(wide)
     number = wide.ravel()[place].astype(int)
     inner = labels.ravel()[place] == number
-    y, x = np.divmod(place, width)
-    weight = 1 - level.ravel()[place].astype(float)
+    y, x = np.divmod(place, labels.shape[1])
+    dark = 1 - level.ravel()[place].astype(float)
 
     def total(values: Numbers) -> Numbers:
         return np.bincount(number, values, count)[1:]
 
-    ink = total(weight)
-    area = total(inner)
     with nan_if_undefined():
-        depth = total(inner * weight) / area
+        depth = total(inner * dark) / total(inner)
         # Where the darkness is flat, inside and outside, noise and uneven light must not count.
-        cover = np.clip((weight / depth[number - 1] - 0.1) / 0.8, 0, 1)
+        cover = np.clip((dark / depth[number - 1] - 0.1) / 0.8, 0, 1)
         moments = np.column_stack([total(cover * x), total(cover * y)])
         centres = moments / total(cover)[:, None]
-        number = number[inner]
-        x = x[inner]
-        y = y[inner]
-        dx, dy = (a - (total(a) / area)[number - 1] for a in (x, y))
-        # A uniform ellipse has area 4π √det of its covariance; a pixel adds 1/12 px².
-        xx = total(dx * dx) / area + 1 / 12
-        xy = total(dx * dy) / area
-        yy = total(dy * dy) / area + 1 / 12
-        determinant = xx * yy - xy * xy
-        solid = area / (4 * np.pi * np.sqrt(determinant))
-        short = (xx + yy) / 2 - np.sqrt(np.maximum((xx + yy) ** 2 / 4 - determinant, 0))
-    good = (solid > 0.85) & (solid < 1.15) & (short > 0.3) & (ink > 4)
-    if greys and good.any():
-        good &= depth > constants.GREY_SHARE * np.quantile(depth[good], 0.8)
+    ink = total(dark)
+    # Grey spots are less dark than black ones.
+    usual = np.quantile(np.nan_to_num([0.0, *depth]), 0.8)
+    good = (ink > 0) & (depth > 0.6 * usual)
     return Blobs(centres[good], ink[good])

@@ -8,8 +8,8 @@ All work from neighbour to neighbour in the picture (`lattice`), so that no came
 within two steps foretell the next one, and each must lie where its neighbours put it:
 
     o   o   o   o   o
-    o   o   o   o  (?)     q(row, column): a quadratic fitted, robustly, to the places around
-    o   o   o   o   o      |p - q| ≤ min(3 usual + slack, most_miss), of neighbours on the same panel
+    o   o   o   o  (?)     q(row, column): a quadratic fitted to the places around
+    o   o   o   o   o      |p - q| < 8 % of a step, of neighbours on the same panel
 """
 
 from collections.abc import Callable
@@ -19,13 +19,21 @@ import cv2
 import numpy as np
 
 from endolab.calibration import constants
-from endolab.calibration.detection.blobs import Numbers, shrink_picture, white_of
+from endolab.calibration.detection.blobs import (
+    LEAST_WHITE,
+    Numbers,
+    shrink_picture,
+    white_of,
+)
 from endolab.calibration.detection.dots import detect_dots
 from endolab.calibration.detection.lattice import check_places, cross
 from endolab.calibration.refusals import NotIdentifiableError, Refusal
 from endolab.calibration.targets import Charuco, Chessboard, DotGrid, Target
 from endolab.numerics.arrays import FloatArray, IntArray
 from endolab.numerics.checks import excerpt
+
+# px, Full HD; larger pictures are made half as large as this before anything is sought.
+MOST_PIXELS = 2_100_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,11 +60,7 @@ def detect(image: Numbers, target: Target) -> Detection:
     board in a mirror is refused.
     """
     grey = _grey(image)
-    picture = (
-        grey
-        if grey.size <= constants.MOST_PIXELS
-        else _shrink_to(grey, constants.MOST_PIXELS // 2)
-    )
+    picture = grey if grey.size <= MOST_PIXELS else _shrink_to(grey, MOST_PIXELS // 2)
     try:
         ids, pixels = SEARCHES[type(target)](picture, target)
     except (NotIdentifiableError, cv2.error) as why:
@@ -66,20 +70,16 @@ def detect(image: Numbers, target: Target) -> Detection:
 
 def see_board(image: Numbers) -> tuple[int, int] | None:
     """Columns and rows of squares of the chessboard that a picture shows, of whatever size; None if none."""
-    picture = _enlarge(_even_paper(_shrink_to(_grey(image), constants.MOST_PIXELS // 2)))
+    grey = _grey(image)
+    picture = _enlarge(_even_paper(_shrink_to(grey, MOST_PIXELS // 2)))
     for pattern in ((9, 6), (7, 5), (5, 4), (3, 3)):
-        rows, columns = np.add(_search_board(picture, pattern)[1].shape, 1).tolist()
-        for size in sorted([(columns, rows), (rows, columns)], reverse=True):
-            found = (
-                detect(image, Chessboard(*size, 1.0)) if min(size) >= 4 else no_features("")
-            )
-            if not len(found.ids):
-                continue
-            grid = np.full((size[1] - 1, size[0] - 1, 2), np.nan)
-            grid.reshape(-1, 2)[found.ids] = found.pixels
-            near, middle = (_contrast(grid, _grey(image), share) for share in (0.2, 0.5))
-            if constants.SQUARE[0] < near / middle < constants.SQUARE[1]:  # else of dots
-                return size
+        seen = _rescale(_search_board(picture, pattern), picture, grey)
+        for rows in sorted(set(seen.shape[:2])) if seen.size else ():
+            upright = _turn(seen, grey, rows)
+            near, middle = (_contrast(upright, grey, share) for share in (0.2, 0.5))
+            # Boards have .8 to 1.15, dots 1.6 or more.
+            if middle > 0 and 0.3 < near / middle < 1.3:
+                return upright.shape[1] + 1, rows + 1
     return None
 
 
@@ -103,12 +103,8 @@ def _shrink_to(picture: Numbers, most: int) -> Numbers:
 
 
 def _enlarge(picture: Numbers) -> Numbers:
-    """Enlarge a picture, (H, W), that is small or narrow."""
-    enough = min(
-        constants.FINE_SIDE / min(picture.shape),
-        constants.LONGEST_SIDE / max(picture.shape),
-    )
-    scale = max(round(enough), 1)
+    """Enlarge a picture, (H, W), whose shorter side is below 600 px, the longer one up to 2000."""
+    scale = max(round(min(600 / min(picture.shape), 2000 / max(picture.shape))), 1)
     return cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC)
 
 
@@ -120,7 +116,7 @@ def _rescale(pixels: Numbers, from_: Numbers, to: Numbers) -> FloatArray:
 def _even_paper(grey: FloatArray) -> Numbers:
     """Make the paper equally white everywhere, which OpenCV's detectors of chessboards need."""
     white = cv2.resize(white_of(shrink_picture(grey)), grey.shape[::-1])
-    level = grey / np.maximum(white, constants.LEAST_WHITE)
+    level = grey / np.maximum(white, LEAST_WHITE)
     return cv2.convertScaleAbs(level, alpha=220)
 
 
@@ -167,49 +163,42 @@ def _detect_charuco(grey: FloatArray, target: Charuco) -> tuple[IntArray, FloatA
     raise Refusal.FEW_CORNERS.error(**facts)
 
 
-def _search_board(picture: Numbers, pattern: tuple[int, int]) -> tuple[Numbers, Numbers]:
-    """Find a board of so many inner corners along rows and columns, or more: its corners, and their grid."""
+def _search_board(picture: Numbers, pattern: tuple[int, int]) -> Numbers:
+    """Find a board of so many inner corners along rows and columns, or more: (h, w, 2), px; empty if none."""
     how = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_LARGER
     cv2.setRNGSeed(0)  # it draws numbers: so a picture has the same corners every time
     found, corners, grid = cv2.findChessboardCornersSBWithMeta(picture, pattern, how)
-    return (corners, grid) if found else (np.zeros((0, 2)), np.zeros((0, 0)))
+    return corners.reshape(*grid.shape, 2) if found else np.zeros((0, 0, 2))
 
 
 def _detect_chessboard(grey: FloatArray, target: Chessboard) -> tuple[IntArray, FloatArray]:
     """Find the inner corners of a chessboard; all of them or none."""
     picture = _enlarge(_even_paper(grey))
     pattern = (target.columns - 1, target.rows - 1)
-    # The two find about as many, but not the same; the first says no more quickly.
-    corners, seen = _search_board(picture, pattern)
-    rows, columns = np.add(seen.shape, 1)
-    is_larger = seen.size > len(target.points)
-    Refusal.OTHER_BOARD.if_(is_larger, columns=columns, rows=rows)
+    # The two find about as many, but not the same. The second takes too long in large pictures.
+    seen = _search_board(picture, pattern)
     if not seen.size:
         how = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_ADAPTIVE_THRESH
-        small = _shrink_to(picture, constants.MOST_QUICK_PIXELS)
+        small = _shrink_to(picture, 400_000)
         is_there, corners = cv2.findChessboardCorners(small, pattern, flags=how)
         Refusal.NO_BOARD.if_(not is_there)
-        corners = _rescale(corners, small, picture)
-    given = corners.reshape(*pattern[::-1], 2).astype(np.float32)
-    sides = (np.linalg.norm(np.diff(given, axis=axis), axis=-1) for axis in (0, 1))
-    half = max(int(constants.WINDOW * min(side.min() for side in sides)), 2)
-    grid = _refine(picture, given.reshape(-1, 1, 2), half).reshape(given.shape)
-    # Refining is better on most pictures, and spoils corners where a camera has sharpened and enlarged them.
-    if seen.size and _roughness(given) < constants.SPOILT * _roughness(grid):
-        grid = given
-    grid = _rescale(grid, picture, grey)
-    turns = [grid[::i, ::j] for i in (1, -1) for j in (1, -1)]
-    grid = max(turns, key=lambda turn: _looks_right(turn, grey))
-    Refusal.WHITE_FIRST.if_(not _looks_right(grid, grey)[1])
+        seen = _rescale(corners.reshape(*pattern[::-1], 2), small, picture)
+    rows, columns = np.add(seen.shape[:2], 1)
+    is_larger = rows * columns > target.rows * target.columns
+    Refusal.OTHER_BOARD.if_(is_larger, columns=columns, rows=rows)
+    sides = (np.linalg.norm(np.diff(seen, axis=axis), axis=-1) for axis in (0, 1))
+    half = max(int(0.45 * min(side.min() for side in sides)), 2)
+    given = seen.reshape(-1, 1, 2).astype(np.float32)
+    refined = _refine(picture, given, half).reshape(seen.shape)
+    # Better on most pictures, and worse where a camera has sharpened and enlarged them.
+    rough, smooth = (np.abs(np.diff(one, 4, axis=1)).sum() for one in (refined, seen))
+    best = seen if smooth < 0.8 * rough else refined
+    grid = _turn(_rescale(best, picture, grey), grey, target.rows - 1)
+    Refusal.WHITE_FIRST.if_(_contrast(grid, grey, 0.5) <= 0)
     fits, _ = check_places(grid, np.zeros(grid.shape[:2], int))
     Refusal.ROUGH_CORNERS.if_(fits.mean() < 0.9)
     ids = np.flatnonzero(fits)
     return ids, grid.reshape(-1, 2)[ids]
-
-
-def _roughness(grid: Numbers) -> float:
-    """How far corners lie from smooth rows, in px: the sum of their fourth differences."""
-    return float(np.abs(np.diff(grid, 4, axis=1)).sum())
 
 
 def _contrast(grid: FloatArray, grey: FloatArray, share: float) -> float:
@@ -224,15 +213,21 @@ def _contrast(grid: FloatArray, grey: FloatArray, share: float) -> float:
     return float(level[~is_black].mean() - level[is_black].mean())
 
 
-def _looks_right(grid: FloatArray, grey: FloatArray) -> tuple[bool, bool, bool]:
-    """Tell whether a grid of corners is not mirrored, its upper left square is black, its rows run right."""
-    along = np.diff(grid, axis=1)[:-1]
-    down = np.diff(grid, axis=0)[:, :-1]
-    return (
-        bool(np.median(cross(along, down)) > 0),
-        _contrast(grid, grey, 0.5) > 0,
-        bool(np.median(along[..., 0]) >= 0),
-    )
+def _turn(grid: FloatArray, grey: FloatArray, rows: int) -> FloatArray:
+    """Turn a grid of corners to so many rows: not mirrored, first square black, rows to the right."""
+
+    def looks_right(turned: FloatArray) -> tuple[bool, bool, bool]:
+        along = np.diff(turned, axis=1)[:-1]
+        down = np.diff(turned, axis=0)[:, :-1]
+        return (
+            bool(np.median(cross(along, down)) > 0),
+            _contrast(turned, grey, 0.5) > 0,
+            bool(np.median(along[..., 0]) >= 0),
+        )
+
+    ways = [way for way in (grid, grid.swapaxes(0, 1)) if len(way) == rows]
+    turns = (way[::i, ::j] for way in ways for i in (1, -1) for j in (1, -1))
+    return max(turns, key=looks_right)
 
 
 SEARCHES: dict[type[Target], Callable[..., tuple[IntArray, FloatArray]]] = {

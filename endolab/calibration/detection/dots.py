@@ -12,12 +12,11 @@ from endolab.calibration.detection.blobs import Blobs, find_blobs
 from endolab.calibration.detection.lattice import (
     check_places,
     find_lattices,
-    grow,
     places_of,
 )
 from endolab.calibration.refusals import Refusal
 from endolab.calibration.targets import DotGrid
-from endolab.numerics.arrays import FloatArray, IntArray
+from endolab.numerics.arrays import FloatArray, IntArray, nan_if_undefined
 
 
 def read_bits(owner: IntArray, blobs: Blobs, cell: FloatArray, gap: float) -> FloatArray:
@@ -26,19 +25,12 @@ def read_bits(owner: IntArray, blobs: Blobs, cell: FloatArray, gap: float) -> Fl
     `owner`, (h, w), is which blob is at each place of the lattice, `cell` the area of its cell there, px²,
     `gap` the logarithm of the ratio of the areas of large and small dots.
     """
-    size = np.full(owner.shape, np.nan)
-    known = (owner >= 0) & (cell > 0)
-    values = np.log(blobs.ink[owner[known]] / cell[known])
-    place = np.argwhere(known)
-    design = np.column_stack([np.ones(len(place)), place - place.mean(axis=0)])
-    level = np.quantile(values, [0.1, 0.9]).mean()
-    for _ in range(3):
-        # The level drifts over the picture with the white's exposure.
-        rest = values - np.where(values > level, gap, -gap) / 2
-        weight = np.abs(rest - level) < gap / 2
-        level = design @ np.linalg.lstsq(design[weight], rest[weight], rcond=None)[0]
-    size[known] = (values - level) / (gap / 2)
-    return size
+    with nan_if_undefined():
+        values = np.log(
+            np.where((owner >= 0) & (cell > 0), blobs.ink[owner] / cell, np.nan)
+        )
+    level = np.nanquantile(values, [0.1, 0.9]).mean()
+    return (values - level) / (gap / 2)
 
 
 # Turns and shears of a lattice: small whole matrices of determinant 1, plain ones first.
@@ -49,42 +41,34 @@ TURNS = MATRICES[np.round(np.linalg.det(MATRICES)) == 1]
 def match_code(places: IntArray, size: FloatArray, code: IntArray) -> IntArray | None:
     """Move places of a lattice, (n, 2), onto the sheet by their sizes (`read_bits`); None if not clear.
 
-    All turns, shears and shifts of a piece are tried, never mirrored; it must lie within the padded sheet.
+    All turns, shears and shifts of a piece are tried, never mirrored; it must lie within the sheet.
     """
     value = np.clip(size, -1, 1)
-    table = np.pad(2.0 * code - 1, constants.PAD)
-    found = [(-np.inf, places), (-np.inf, places)]
+    best = -np.inf
     trials = 1
     for turn in TURNS:
         spot = places @ turn.T
         spot = spot - spot.min(axis=0)
-        spare = np.array(table.shape) - spot.max(axis=0)
+        spare = np.array(code.shape) - spot.max(axis=0)
         if spare.min() <= 0:
             continue
         shift = np.argwhere(np.ones(spare))
         row, column = (spot + shift[:, None]).transpose(2, 0, 1)
-        score = table[row, column] @ value
+        score = (2 * code - 1)[row, column] @ value
         trials += len(shift)
-        found += [
-            (score[n], spot + shift[n] - constants.PAD) for n in np.argsort(-score)[:2]
-        ]
-    (score, onto), (second, _) = sorted(found, key=lambda one: -one[0])[:2]
-    # Chance of so few errors for random bits, times the placements tried (Chernoff's bound).
+        if score.max() > best:
+            best = score.max()
+            onto = spot + shift[score.argmax()]
+    # Chance of so few errors for random bits, times the placements tried (Chernoff's bound), below e⁻⁵.
     total = np.abs(value).sum()
-    wrong = np.clip((1 - score / total) / 2, 1e-9, 0.5)
+    wrong = np.clip((1 - best / total) / 2, 1e-9, 0.5)
     rarity = total * (np.log(2) + wrong * np.log(wrong) + (1 - wrong) * np.log(1 - wrong))
-    if (
-        wrong > constants.MOST_WRONG
-        or score - second < 3
-        or rarity < np.log(trials) + constants.SURETY
-    ):
-        return None
-    return onto
+    return onto if rarity >= np.log(trials) + 5 else None
 
 
 def detect_dots(image: FloatArray, target: DotGrid) -> tuple[IntArray, FloatArray]:
     """Find the dots of a coded grid in (H, W) float32 of [0, 1]: ids, ascending, and pixels."""
-    blobs = find_blobs(image, greys=target.greys is not None)
+    blobs = find_blobs(image)
     Refusal.FEW_SPOTS.if_(len(blobs.ink) < constants.LEAST_DOTS)
     gap = 2 * np.log(target.large / target.small)
     area = np.pi * target.radii**2 / target.spacing**2
@@ -100,15 +84,14 @@ def detect_dots(image: FloatArray, target: DotGrid) -> tuple[IntArray, FloatArra
         places = np.argwhere(np.isfinite(size))
         onto = match_code(places, size[tuple(places.T)], code)
         if onto is not None:
-            inside = np.all((onto >= 0) & (onto < code.shape), axis=1)
-            sheet[tuple(onto[inside].T)] = piece[tuple(places[inside].T)]
+            sheet[tuple(onto.T)] = piece[tuple(places.T)]
     Refusal.OTHER_CODE.if_(np.all(sheet < 0))
-    sheet = grow(sheet, blobs, cover)
     panel = target.panel_of(target.points).reshape(code.shape)
     for _ in range(2):
         fits, cell = check_places(places_of(sheet, blobs), panel)
         off = np.abs(read_bits(sheet, blobs, cell, gap) - (2 * code - 1))
-        sheet = np.where(fits & (off < constants.MOST_OFF), sheet, -1)
+        # Halfway to the other size is 1.
+        sheet = np.where(fits & (off < 0.8), sheet, -1)
         Refusal.ROUGH_DOTS.if_((sheet >= 0).sum() < constants.LEAST_DOTS)
     ids = np.flatnonzero(sheet >= 0)
     return ids, blobs.centres[sheet.ravel()[ids]]

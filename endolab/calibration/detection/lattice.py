@@ -11,6 +11,7 @@ from endolab.calibration import constants
 from endolab.calibration.detection.blobs import Blobs
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray, nan_if_undefined
 
+CLOSE = 0.3  # lattice steps that a spot may lie off what is predicted
 REACH = 2  # lattice steps that the surroundings of a place reach to each side
 
 
@@ -37,23 +38,17 @@ def _windows(grid: FloatArray, row: IntArray, column: IntArray) -> FloatArray:
 def _predict(window: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Where the lattice passes the middle of windows, (n, 5, 5, 2), and its steps there: three (n, 2), px.
 
-    A quadratic of column and row is fitted, robustly, to the places around, without the middle.
+    A quadratic of column and row is fitted to the places around, without the middle.
     """
     i, j = np.indices((5, 5)).reshape(2, -1) - REACH
     design = np.column_stack([np.ones(25), i, j, i * i, i * j, j * j])
     products = design[:, :, None] * design[:, None]
     spots = window.reshape(-1, 25, 2)
     known = np.isfinite(spots[..., 0]) & (i * i + j * j > 0)
-    spots = np.where(known[..., None], spots, 0.0)
-    near = known / (1 + 0.5 * (i * i + j * j))
-    weight = near
-    for _ in range(4):
-        # What is not told bends as little as it can.
-        normal = np.tensordot(weight, products, 1) + np.diag([1e-9] * 3 + [1e-3] * 3)
-        fit = np.linalg.solve(normal, design.T @ (weight[..., None] * spots))
-        step = np.sqrt(np.abs(cross(fit[:, 2], fit[:, 1])))
-        off = np.linalg.norm(spots - design @ fit, axis=-1)
-        weight = near / (1 + (off / (0.05 * step[:, None] + 1e-9)) ** 2)
+    weight = known / (1 + 0.5 * (i * i + j * j))
+    # What is not told bends as little as it can.
+    normal = np.tensordot(weight, products, 1) + np.diag([1e-9] * 3 + [1e-3] * 3)
+    fit = np.linalg.solve(normal, design.T @ (weight[..., None] * np.nan_to_num(spots)))
     return fit[:, 0], fit[:, 2], fit[:, 1]
 
 
@@ -80,12 +75,9 @@ def grow(owner: IntArray, blobs: Blobs, cover: tuple[float, float]) -> IntArray:
         off = _in_cells(blobs.centres[which] - guess, along, down)
         with nan_if_undefined():
             covered = blobs.ink[which] / np.abs(cross(along, down))
-        good = (off < constants.CLOSE) & (covered > cover[0]) & (covered < cover[1])
-        good &= ~np.isin(which, owner)
+        good = (off < CLOSE) & (covered > cover[0]) & (covered < cover[1])
         if not good.any():
             return owner
-        # What is certain first, so that it guides the rest.
-        good &= off < 2 * off[good].min() + constants.CLOSE / 3
         order = np.flatnonzero(good)[np.argsort(off[good], kind="stable")]
         order = order[np.unique(which[order], return_index=True)[1]]
         owner[row[order], column[order]] = which[order]
@@ -105,17 +97,15 @@ def find_lattices(blobs: Blobs, cover: tuple[float, float], size: int) -> list[I
     # A step of the lattice has its opposite.
     apart = np.linalg.norm(vectors[:, :, None] + vectors[:, None], axis=-1)
     miss = apart.min(axis=2) / length
-    first = (miss < constants.CLOSE).argmax(axis=1)
+    first = (miss < CLOSE).argmax(axis=1)
     area = cross(vectors[number, first][:, None], vectors)
-    square = area > 0.7 * length * length[number, first][:, None]
-    second = ((miss < constants.CLOSE) & square).argmax(axis=1)
+    across = (miss < CLOSE) & (area > 0.7 * length * length[number, first][:, None])
+    second = across.argmax(axis=1)
     miss = np.maximum(miss[number, first], miss[number, second])
-    covered = blobs.ink / np.maximum(area[number, second], 1e-9)
-    good = (miss < constants.CLOSE) & (covered > cover[0]) & (covered < cover[1])
     opposite = apart.argmin(axis=2)
     pieces: list[IntArray] = []
-    free = good.copy()
-    for _ in range(constants.MOST_SEEDS):
+    free = across.any(axis=1)
+    for _ in range(60):
         if not free.any():
             break
         seed = np.where(free, miss, np.inf).argmin()
@@ -128,7 +118,7 @@ def find_lattices(blobs: Blobs, cover: tuple[float, float], size: int) -> list[I
         owner[[middle + 1, middle - 1], middle] = which[seed, [b, opposite[seed, b]]]
         owner = grow(owner, blobs, cover)
         free[owner[owner >= 0]] = False
-        if (owner >= 0).sum() >= constants.LEAST_SPOTS:
+        if (owner >= 0).sum() >= constants.LEAST_DOTS:
             pieces.append(owner)
     return pieces
 
@@ -139,7 +129,7 @@ def check_places(
     """Tell which features of a sheet lie where their neighbours place them: `least` at least, of one panel.
 
     `grid`, (h, w, 2), px, is nan where a feature is not seen. Returns, (h, w) each: False for those that
-    lie off by much more than is usual nearby; the area of the lattice's cell, px².
+    lie off by 8 % of a step; the area of the lattice's cell, px².
     """
     row, column = np.indices(panel.shape).reshape(2, -1)
     window = _windows(grid, row, column)
@@ -148,10 +138,5 @@ def check_places(
     place, along, down = _predict(window)
     cell = cross(along, down).reshape(panel.shape)
     miss = _in_cells(grid.reshape(-1, 2) - place, along, down).reshape(panel.shape)
-    misses = np.sort(_windows(miss[..., None], row, column).reshape(-1, 25))
-    middle = (np.isfinite(misses).sum(axis=1) - 1) // 2
-    usual = misses[np.arange(len(misses)), middle].reshape(panel.shape)
     known = np.isfinite(window[..., 0]).sum(axis=(1, 2)).reshape(panel.shape)
-    with nan_if_undefined():
-        most = np.minimum(3 * usual + constants.SLACK / np.sqrt(cell), constants.MOST_MISS)
-    return (miss <= most) & (known > least), cell
+    return (miss < 0.08) & (known > least), cell

@@ -28,10 +28,17 @@ from endolab.calibration.geometric.reprojection import (
     View,
     check_agreement,
 )
-from endolab.calibration.least_squares import fit, hold_out, is_better, jackknife
-from endolab.calibration.refusals import Refusal
+from endolab.calibration.least_squares import (
+    Row,
+    fit,
+    hold_out,
+    is_better,
+    jackknife,
+    list_rows,
+)
+from endolab.calibration.refusals import Doubt, Refusal
 from endolab.calibration.targets import Target
-from endolab.model.cameras import KannalaBrandt
+from endolab.model.cameras import BrownConrady, KannalaBrandt
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import unknown_name
 from endolab.numerics.iteration import Status
@@ -53,16 +60,14 @@ class GeometricFit:
     dropped: dict[str, str]  # view that did not take part → why
     residuals: tuple[FloatArray, ...]  # (n, 2) each: measured less predicted, px
     inliers: tuple[BoolArray, ...]  # (n,) each: points that count
-    sigma: (
-        float  # standard deviation of one coordinate, px; never below that of `PointErrors`
-    )
+    sigma: float  # standard deviation of one coordinate, px; never below `FINEST`
     rmse: float  # root mean square distance of the inliers, px, as ``cv2`` counts it: √2 σ or so
     covariance: FloatArray  # (8, 8) or (12, 12), of fx, fy, cx, cy (px) and k
     max_angle_seen: float  # largest angle off the axis of an inlier, rad
     status: Status
     # Lens that was tried → root mean square error of views held out, px.
     held_out: dict[str, float] = field(default_factory=dict)
-    alike: bool = False  # another lens was tried, too, and predicted them as well
+    doubts: tuple[Doubt, ...] = ()
 
     @property
     def standard_errors(self) -> dict[str, float]:
@@ -70,23 +75,20 @@ class GeometricFit:
         errors = np.sqrt(np.diag(self.covariance)).tolist()
         return dict(zip(camera_names(self.camera), errors, strict=True))
 
-    def table(self) -> list[tuple[str, float, float, str]]:
+    def table(self) -> list[Row]:
         """Name, value, standard error and unit of what was found; of how well it fits, without error (nan).
 
         An error of inf is that of a number that the views do not tell.
         """
-        values = camera_vector(self.camera).tolist()
-        rows = [
-            (name, value, error, "" if name[0] in "kp" else "px")
-            for (name, error), value in zip(
-                self.standard_errors.items(), values, strict=True
-            )
-        ]
-        rows.append(("reprojection", self.rmse, np.nan, "px"))
-        for lens, held_out in self.held_out.items():
-            rows.append((f"{lens}, held out", held_out, np.nan, "px"))
-        seen = float(np.rad2deg(self.max_angle_seen))
-        return [*rows, ("seen to", seen, np.nan, "°")]
+        names = camera_names(self.camera)
+        values: dict[str, tuple[float, str]] = {
+            name: (value, "" if name[0] in "kp" else "px")
+            for name, value in zip(names, camera_vector(self.camera).tolist(), strict=True)
+        }
+        values["reprojection"] = self.rmse, "px"
+        values |= {f"{lens}, held out": (off, "px") for lens, off in self.held_out.items()}
+        values["seen to"] = float(np.rad2deg(self.max_angle_seen)), "°"
+        return list_rows(values, self.standard_errors)
 
     @property
     def agreement(self) -> float:
@@ -138,10 +140,12 @@ def calibrate_camera(
     _refuse_few(len(views), {})
     fisheye, squares = _calibrate(views, target, _start(views, target, width, height))
     _refuse_untold(fisheye)
-    is_wide = fisheye.max_angle_seen > constants.WIDEST_BROWN
+    is_wide = fisheye.max_angle_seen > 1.2  # rad
     if lens == "fisheye" or (lens == "auto" and is_wide):
         return fisheye
-    brown, of_brown = _calibrate(views, target, _begin_brown(fisheye), fisheye.sigma)
+    found = fisheye.camera
+    start = BrownConrady(width, height, found.fx, found.fy, found.cx, found.cy)
+    brown, of_brown = _calibrate(views, target, start, fisheye.sigma)
     _refuse_untold(brown)
     if lens == "brown":
         return brown
@@ -150,11 +154,9 @@ def calibrate_camera(
         np.array([one[name] for name in names]) for one in (squares, of_brown)
     )
     best = brown if is_better(others, than=theirs) else fisheye
-    return replace(
-        best,
-        held_out=fisheye.held_out | brown.held_out,
-        alike=best is fisheye and not is_better(theirs, than=others),
-    )
+    alike = best is fisheye and not is_better(theirs, than=others)
+    doubts = (Doubt.LENSES_ALIKE,) * alike
+    return replace(best, held_out=fisheye.held_out | brown.held_out, doubts=doubts)
 
 
 def _label(view: View, target: Target) -> str:
@@ -228,7 +230,7 @@ def _calibrate(
     frames = list(dict.fromkeys(view.name for view in views))
     frame = np.array([frames.index(view.name) for view in views])[model.group]
     squares, off = hold_out(model, fitted, frame, sigma or fitted.sigma)
-    fitted = jackknife(model, fitted, frame, model.sd)
+    covariance, _ = jackknife(model, fitted, frame, model.sd)
     name = "fisheye" if isinstance(camera, KannalaBrandt) else "brown"
     found = GeometricFit(
         camera=camera,
@@ -239,25 +241,12 @@ def _calibrate(
         inliers=tuple(inliers),
         sigma=fitted.sigma,
         rmse=float(np.sqrt(np.mean(np.sum(fitted.residual[fitted.used] ** 2, axis=1)))),
-        covariance=fitted.covariance,
+        covariance=covariance,
         max_angle_seen=float(model.angles(fitted.own)[fitted.used].max()),
         status=fitted.status,
         held_out={name: off},
     )
     return found, dict(zip(frames, squares.tolist(), strict=True))
-
-
-def _begin_brown(fitted: GeometricFit) -> Lens:
-    """Return the Brown-Conrady camera that is likest to a fisheye, as far as it was seen."""
-    camera = fitted.camera
-    vector = camera_vector(camera)
-    theta = np.linspace(0.02, min(fitted.max_angle_seen, constants.WIDEST_BROWN), 100)
-    h = theta + theta[:, None] ** [3, 5, 7, 9] @ vector[4:]
-    r = np.tan(theta)
-    odd = r[:, None] ** [3, 5, 7]
-    k1, k2, k3 = np.linalg.lstsq(odd, h - r)[0]
-    likest = np.concatenate([vector[:4], [k1, k2, 0, 0, k3, 0, 0, 0]])
-    return camera_of(likest, camera.width, camera.height)
 
 
 def _reasons(dropped: dict[str, str]) -> str:
@@ -285,7 +274,6 @@ def _refuse_untold(result: GeometricFit) -> None:
     still = len(places) < constants.LEAST_VIEWS
     Refusal.STILL.if_(still, count=len(places), views=len(result.poses))
     tilt = np.degrees(max(pose.tilt for pose in result.poses))
-    Refusal.SQUARE.if_(tilt < 5, tilt=tilt)
     facts = {"tilt": tilt, "seen": np.degrees(result.max_angle_seen)}
     for name in CAMERA_NAMES[:4]:
         error = result.standard_errors[name]

@@ -16,36 +16,30 @@ def planar_pose(pixels: FloatArray, points: FloatArray, camera: Camera) -> Pose:
 
     Some may be wrong. A pinhole camera is turned to the middle of the rays; what it sees of the plane
     is a homography (least median of squares), whose first two columns are made orthonormal. ValueError if
-    the points are too few, on a line or in disorder, or if the pose would show the paper from behind.
+    the points are too few or in disorder, or if the pose would show the paper from behind.
     """
     rays = camera.unproject(pixels)
     has_ray = np.isfinite(rays[:, 0])
+    Refusal.FEW_POINTS.if_(has_ray.sum() < constants.LEAST_POINTS, count=has_ray.sum())
     rays = rays[has_ray]
-    points = points[has_ray]
-    Refusal.FEW_POINTS.if_(len(rays) < constants.LEAST_POINTS, count=len(rays))
-    middle = points[:, :2].mean(axis=0)
-    centred = points[:, :2] - middle
-    extent = np.linalg.svd(centred, compute_uv=False)
-    Refusal.ON_LINE.if_(extent[1] <= 1e-6 * extent[0])
+    points = points[has_ray, :2]
+    middle = points.mean(axis=0)
+    centred = points - middle
     # A pinhole camera that looks along the middle ray.
-    look = Rotation.align_vectors([[0.0, 0.0, 1.0]], [np.median(rays, axis=0)])[
-        0
-    ].as_matrix()
+    ahead, _ = Rotation.align_vectors([[0.0, 0.0, 1.0]], [np.median(rays, axis=0)])
+    look = ahead.as_matrix()
     turned = rays @ look.T
-    seen = turned[:, 2] > constants.WIDEST
+    seen = turned[:, 2] > 0.15  # cosine: others have no place in its picture
     plane = turned[seen, :2] / turned[seen, 2:]
-    homography = None
-    if seen.sum() >= constants.LEAST_POINTS:
-        size = extent[0] / np.sqrt(len(points))
-        homography, _ = cv2.findHomography(centred[seen] / size, plane, cv2.LMEDS)
+    homography, _ = cv2.findHomography(centred[seen], plane, cv2.LMEDS)
     if homography is None:
         raise Refusal.DISORDER.error()
-    homography = homography / [size, size, 1.0]
     expected = np.column_stack([centred, np.ones(len(points))]) @ homography.T
     expected /= np.linalg.norm(expected, axis=1, keepdims=True)
     miss = np.median(np.linalg.norm(expected - turned, axis=1))
     spread = np.median(np.linalg.norm(rays - rays.mean(axis=0), axis=1))
-    Refusal.DISORDER.if_(miss > constants.LARGEST_MISS * spread)
+    # Beyond it no view of a plane is, whatever the lens.
+    Refusal.DISORDER.if_(miss > 0.25 * spread)
     Refusal.BEHIND.if_(np.linalg.det(homography) <= 0)
     scale = np.sqrt(np.linalg.norm(homography[:, 0]) * np.linalg.norm(homography[:, 1]))
     x, y, t = (look.T @ homography / scale).T

@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from endolab.numerics.arrays import FloatArray
+from endolab.numerics.arrays import FloatArray, nan_if_undefined
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +33,14 @@ class Pose:
     def transform(self, points: ArrayLike) -> FloatArray:
         """Points of the target in the camera frame, (..., 3), mm."""
         return np.asarray(points, dtype=np.float64) @ self.rotation.T + self.translation
+
+    def meet(self, rays: FloatArray) -> FloatArray:
+        """Where rays (..., 3) from the camera meet the front of the panel, mm; nan where they do not."""
+        height = self.translation @ self.normal
+        facing = rays @ self.normal
+        with nan_if_undefined():
+            far = np.where(np.maximum(facing, height) < 0, height / facing, np.nan)
+        return rays * far[..., None]
 
     @property
     def normal(self) -> FloatArray:

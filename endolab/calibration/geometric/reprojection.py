@@ -22,12 +22,7 @@ from endolab.calibration.geometric.projection import (
 from endolab.calibration.least_squares import Model, fit
 from endolab.calibration.refusals import Refusal
 from endolab.calibration.targets import Target
-from endolab.model.cameras import KannalaBrandt
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
-
-# Lenses' coefficients are well below these; where the views say nothing, this is what is known.
-USUAL_K = np.array([1.0, 0.5, 0.25, 0.125])
-USUAL_BROWN = np.array([1.0, 1.0, 0.02, 0.02, 1.0, 1.0, 1.0, 1.0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,13 +38,11 @@ class View:
 def views_of(name: str, detection: Detection, target: Target) -> list[View]:
     """Split what was detected in the frame `name` by panels, without those of fewer than 8 points.
 
-    Points beside a fold are left out.
+    Points beside a fold are left out: light and paper break there, and sway them.
     """
     points = target.points[detection.ids]
     apart = np.abs(points[:, 0] - target.fold_x)
-    panel = np.where(
-        apart < constants.BESIDE_FOLD * target.spacing, -1, target.panel_of(points)
-    )
+    panel = np.where(apart < 0.75 * target.spacing, -1, target.panel_of(points))
     views = []
     for number in range(target.panels):
         on_panel = panel == number
@@ -66,7 +59,6 @@ class Reprojection(Model):
     points: FloatArray  # (n, 3), mm
     radii: FloatArray  # (n,), mm
     pixels: FloatArray  # (n, 2), where they were measured
-    of_each: ClassVar = ("points", "radii", "pixels")
     smallest: ClassVar = constants.FINEST
 
     @classmethod
@@ -75,12 +67,13 @@ class Reprojection(Model):
     ) -> Reprojection:
         """Fit the first `free` numbers of the camera's vector; its k are near those of `usual`."""
         ids = np.concatenate([view.ids for view in views])
-        spread = USUAL_K if isinstance(usual, KannalaBrandt) else USUAL_BROWN
-        sd = np.append(np.full(4, np.inf), spread)
+        mean = camera_vector(usual)
+        # Lenses' coefficients are below 1; where the views say nothing, this is what is known.
+        sd = np.where(np.arange(len(mean)) < 4, np.inf, 1.0)
         sd[free:] = 0
         return cls(
             group=np.repeat(np.arange(len(views)), [len(view.ids) for view in views]),
-            mean=camera_vector(usual),
+            mean=mean,
             sd=sd,
             points=target.points[ids],
             radii=target.radii[ids],

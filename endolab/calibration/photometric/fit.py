@@ -35,7 +35,7 @@ from endolab.calibration.photometric.identifiability import (
     signals,
 )
 from endolab.calibration.photometric.lamps import Lamps, choose_lamps
-from endolab.calibration.photometric.model import GREY_LEVELS, LightModel, hats, place_nodes
+from endolab.calibration.photometric.model import LightModel, hats, place_nodes
 from endolab.calibration.photometric.result import PhotometricFit
 from endolab.calibration.photometric.samples import Samples
 from endolab.calibration.refusals import Doubt, Refusal
@@ -76,7 +76,7 @@ class LightOptions:
         Lamps whose places beside the lens are sought; auto: the fewest that explain frames held out.
     """
 
-    gamma: Gamma | tuple[Gamma, Deviation] | Literal["free"] = constants.FIRST_GAMMA
+    gamma: Gamma | tuple[Gamma, Deviation] | Literal["free"] = 2.2
     brdf: Literal["tabulated", "lambertian"] = "tabulated"
     nodes: Annotated[Whole, Field(ge=2)] = 15
     gain: Literal["free", "locked"] = "free"
@@ -148,7 +148,7 @@ def calibrate_light(samples: Samples, **options: Any) -> PhotometricFit:
     # nodes, and would seem to be known.
     held = (model.sd > 0) & np.isfinite(model.sd) & (model.sd[1] > 0)
     held[1] &= of_gamma < constants.LEAST_GAMMA_SIGNAL
-    stiff = replace(model, sd=np.where(held, constants.HELD_TO * model.sd, model.sd))
+    stiff = replace(model, sd=np.where(held, 1e-3 * model.sd, model.sd))
     fitted = fit(stiff, model.mean, _start(model, good))
     determined = how.lamps == "centre" or of_lamp >= constants.LEAST_LAMP_SIGNAL
     untold = not (determined or how.lamps == "auto")
@@ -176,8 +176,8 @@ def _model(samples: Samples, good: BoolArray, how: LightOptions) -> LightModel:
     nodes = place_nodes(theta, 1 if how.brdf == "lambertian" else how.nodes)
     pinned = int(np.argmax(hats(nodes, theta).T @ samples.level[good] ** 2))
     known = {
-        "k": (constants.FIRST_K, np.inf),
-        "gamma": _belief(how.gamma, constants.FIRST_GAMMA),
+        "k": (2.0, np.inf),
+        "gamma": _belief(how.gamma, 2.2),
     }
     known |= {f"brdf {node}": (LOG_MATT, np.inf) for node in range(len(nodes))}
     known |= {f"brdf {pinned}": (LOG_MATT, 0.0), "reflectance 0": (0.0, 0.0)}
@@ -215,7 +215,7 @@ def _result(
     """Check a fit of the model with some unknowns held, and name what it found."""
     frames, frame = np.unique(model.samples.frame, return_inverse=True)
     # Those that were held get their uncertainty back, and with it what hangs on them.
-    fitted = jackknife(stiff, fitted, frame, model.sd)
+    covariance, of_gains = jackknife(stiff, fitted, frame, model.sd)
     vector = fitted.common
     k, gamma = vector[:2].tolist()
     # Of the values themselves, by those of the unknowns; 0 for what was given.
@@ -223,7 +223,7 @@ def _result(
     start = model.of_brdf.start
     slopes[:, start:] *= np.exp(vector[start:])  # of logarithms
     slopes[-1, :2] = 1 / gamma, -k / gamma**2  # of k/γ
-    deviations = np.sqrt(np.einsum("ip,pq,iq->i", slopes, fitted.covariance, slopes))
+    deviations = np.sqrt(np.einsum("ip,pq,iq->i", slopes, covariance, slopes))
     errors = dict(zip([*model.names, "k/gamma"], deviations.tolist(), strict=True))
     error = gamma * errors["k/gamma"]
     is_sure = k >= 0 and error <= constants.LARGEST_K_ERROR
@@ -234,14 +234,12 @@ def _result(
     is_sure = low <= gamma <= high and error <= constants.LARGEST_GAMMA_ERROR * gamma
     is_free = np.isinf(model.sd[1])
     Refusal.UNSURE_GAMMA.if_(is_free and not is_sure, gamma=gamma, error=error)
-    clear = GREY_LEVELS * min(constants.LEVELS[0], 1 - constants.LEVELS[1])
     doubts = {
         Doubt.UNFINISHED: fitted.status is not Status.CONVERGED,
         Doubt.OTHER_LIGHT: power[0] + 2 * power[1] < constants.USUAL_POWER,
         Doubt.UNTOLD_PLACE: not determined,
         Doubt.OTHER_PLACE: one_sided(model, fitted) > constants.LARGEST_SIDE,
         Doubt.MATT: len(model.nodes) == 1,
-        Doubt.CLIPPED: clear < constants.OUTLIER * fitted.sigma,
     }
     f = tuple(np.exp(vector[model.of_brdf]).tolist())
     surface: BRDF = Lambertian(1.0)
@@ -259,17 +257,16 @@ def _result(
         photometry=light.with_lamps(places) if places else light,
         frames=frames,
         gains=gains,
-        gain_errors=gains * np.repeat(np.sqrt(fitted.own_covariance[:, 0, 0]), alike),
+        gain_errors=gains * np.repeat(np.sqrt(of_gains[:, 0, 0]), alike),
         reflectance=np.exp(vector[model.of_brdf.stop :]),
         names=[model.names[i] for i in free],
-        covariance=fitted.covariance[np.ix_(free, free)],
+        covariance=covariance[np.ix_(free, free)],
         standard_errors=errors,
         residuals=fitted.residual[:, 0],
         used=fitted.used,
         sigma=fitted.sigma,
         alpha_range=_range(np.arccos(np.minimum(counted.cos_alpha, 1.0))),
         theta_range=_range(counted.theta),
-        power=power,
         held_out=held_out,
         doubts=[doubt for doubt, is_so in doubts.items() if is_so],
         status=fitted.status,

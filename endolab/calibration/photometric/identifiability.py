@@ -23,7 +23,6 @@ few nodes would count as information, and would fix γ at a wrong value.
 
 import numpy as np
 
-from endolab.calibration import constants
 from endolab.calibration.least_squares import Arrow, Fit
 from endolab.calibration.photometric.model import (
     GREY_LEVELS,
@@ -55,7 +54,7 @@ def signals(model: LightModel, good: BoolArray) -> tuple[float, float, float]:
     material = slice(model.of_brdf.stop, None)
     others = model.materials[:, np.isinf(model.sd[material])].astype(float)
     if len(model.nodes) > 1:
-        count = int(np.clip(good.sum() // 10, len(model.nodes), constants.RICH_NODES))
+        count = int(np.clip(good.sum() // 10, len(model.nodes), 60))
         rich = np.linspace(model.nodes[0], model.nodes[-1], count)
         others = np.column_stack([hats(rich, model.samples.theta), others])
     k = model.log_cos_alpha

@@ -5,13 +5,11 @@ axis, by 4 sin α / d or so. One lamp is sought from the lens; two about the one
 leaves tells: from elsewhere they would end in a minimum that is hardly more than a mirror image.
 """
 
-from functools import partial
 from typing import Literal
 
 import numpy as np
 
-from endolab.calibration import constants, least_squares
-from endolab.calibration.least_squares import Fit, hold_out, is_better
+from endolab.calibration.least_squares import Fit, fit, hold_out, is_better
 from endolab.calibration.photometric.identifiability import left_of_light, regress
 from endolab.calibration.photometric.model import LightModel
 from endolab.numerics.arrays import FloatArray
@@ -19,9 +17,6 @@ from endolab.numerics.arrays import FloatArray
 Lamps = Literal["auto", "centre", "one", "two"]
 LAMPS = ("centre", "one", "two")  # by their number
 WAYS = 3.0 * np.array([[1, 0], [0, 1], [1, 1]])  # mm, of pairs that try how two lamps lie
-
-# Where a sample's half angle passes a node of the BRDF the cost has a kink.
-fit = partial(least_squares.fit, finest=constants.COARSE_STEP)
 
 
 def choose_lamps(
@@ -38,9 +33,8 @@ def choose_lamps(
         begin = np.insert(centred.common, 2, [0.0, 0.0])
         fits.append(fit(models[1], begin, centred.own))
         apart = _halves(models[1], models[2], fits[1])
-        if wanted == "two" or (
-            wanted == "auto" and np.linalg.norm(apart) > constants.LEAST_APART
-        ):
+        # Nearer to each other, mm, they pass for one; to try them takes long.
+        if wanted == "two" or (wanted == "auto" and np.linalg.norm(apart) > 1.5):
             fits.append(fit(models[2], _pair(fits[1].common, apart), fits[1].own))
     _, frame = np.unique(model.samples.frame, return_inverse=True)
     best = len(fits) - 1

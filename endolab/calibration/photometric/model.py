@@ -21,7 +21,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
-from typing import ClassVar
 
 import numpy as np
 
@@ -39,15 +38,15 @@ def hats(nodes: FloatArray, theta: FloatArray) -> FloatArray:
     return np.maximum(1 - np.abs(np.interp(theta, nodes, number)[:, None] - number), 0.0)
 
 
-def place_nodes(theta: FloatArray, count: int) -> FloatArray:
+def place_nodes(theta: FloatArray, count: int, least: int = 40) -> FloatArray:
     """Choose at most `count` nodes of the BRDF for samples at incidence angles, rad; (nodes,), ascending.
 
-    With too few samples between two of them, one is left out.
+    With fewer than `least` samples between two of them, one is left out.
     """
     nodes = np.linspace(theta.min(), theta.max(), count)
     while len(nodes) > 2:
         inside, _ = np.histogram(theta, nodes)
-        thin = np.flatnonzero(inside < constants.LEAST_SUPPORT)
+        thin = np.flatnonzero(inside < least)
         if not thin.size:
             break
         # Joining a thin interval with its neighbour removes the node between them.
@@ -87,7 +86,6 @@ class LightModel(Model):
     nodes: FloatArray  # of the BRDF, rad; a single one makes the surface Lambertian
     names: list[str]  # of the common unknowns, (p,)
     lamps: int = 0  # beside the lens; 0: one at the optical centre
-    of_each: ClassVar = ("samples",)
 
     def with_lamps(self, lamps: int) -> LightModel:
         """Add the places of so many lamps to the unknowns of a model whose lamp is at the lens."""
@@ -95,7 +93,7 @@ class LightModel(Model):
         return replace(
             self,
             mean=np.insert(self.mean, 2, np.zeros(2 * lamps)),
-            sd=np.insert(self.sd, 2, np.full(2 * lamps, constants.PLACE_SD)),
+            sd=np.insert(self.sd, 2, np.full(2 * lamps, np.inf)),
             names=[*self.names[:2], *names, *self.names[2:]],
             lamps=lamps,
         )
@@ -147,9 +145,8 @@ class LightModel(Model):
                 columns[:, self.of_brdf] += (ratio / self.lamps)[:, None] * hats(
                     self.nodes, theta
                 )
-            for index, (place, move) in enumerate(
-                product(places, constants.STEP * np.eye(2))
-            ):
+            step = 1e-3  # mm
+            for index, (place, move) in enumerate(product(places, step * np.eye(2))):
                 before, after = (
                     ratio * np.interp(theta, self.nodes, values)
                     for ratio, theta in (
@@ -157,7 +154,7 @@ class LightModel(Model):
                         for moved in (place - move, place + move)
                     )
                 )
-                columns[:, 2 + index] = (after - before) / (2 * constants.STEP * self.lamps)
+                columns[:, 2 + index] = (after - before) / (2 * step * self.lamps)
         share = columns[:, self.of_brdf] * values
         f = share.sum(axis=1, keepdims=True)
         columns[:, self.of_brdf] = share / f

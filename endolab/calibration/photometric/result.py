@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from endolab.calibration import constants
+from endolab.calibration.least_squares import Row, list_rows
 from endolab.calibration.photometric.model import GREY_LEVELS
 from endolab.calibration.photometric.samples import Samples
 from endolab.calibration.refusals import Doubt
@@ -12,8 +13,6 @@ from endolab.model.brdf import TabulatedBRDF
 from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray, nan_if_undefined
 from endolab.numerics.iteration import Status
-
-Row = tuple[str, float, float, str]  # name, value, its standard error, unit
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,9 +53,6 @@ class PhotometricFit:
     sigma: float  # standard deviation of the residuals used, grey levels
     alpha_range: tuple[float, float]  # of the samples used, rad
     theta_range: tuple[float, float]  # likewise, rad
-    # Power of the fall-off of a lamp at the lens that the brightness shows, and its standard error: 1 of
-    # such a lamp, 0 of a lit room; nan if γ was sought.
-    power: tuple[float, float]
     # Lamps that were tried → root mean square residual of frames held out, grey levels; auto alone tries.
     held_out: dict[str, float]
     doubts: list[Doubt]
@@ -83,29 +79,21 @@ class PhotometricFit:
 
         An error of 0 is that of a given number.
         """
-        values = {"k": self.k, "gamma": self.photometry.gamma, "k/gamma": self.ratio}
+        values = {"k": (self.k, ""), "gamma": (self.photometry.gamma, "")}
+        values["k/gamma"] = self.ratio, ""
         for number, light in enumerate(self.photometry.lights, 1):
-            for axis, value in zip("xy", light.position, strict=False):
-                values[f"lamp {number} {axis}"] = value
-        for material in range(1, len(self.reflectance)):
-            values[f"reflectance {material}"] = float(self.reflectance[material])
-        rows = [
-            (name, value, self.standard_errors[name], "mm" if "lamp" in name else "")
-            for name, value in values.items()
-        ]
-        tried = [
-            (f"lamps {lamps}, held out", rms, np.nan, "grey levels")
-            for lamps, rms in self.held_out.items()
-        ]
+            for axis, place in zip("xy", light.position, strict=False):
+                values[f"lamp {number} {axis}"] = place, "mm"
+        for material, ratio in enumerate(self.reflectance.tolist()[1:], 1):
+            values[f"reflectance {material}"] = ratio, ""
+        values["residual of the light"] = self.sigma, "grey levels"
+        for lamps, off in self.held_out.items():
+            values[f"lamps {lamps}, held out"] = off, "grey levels"
         edge = self.alpha_range[1]
         at_edge = -100 * float(np.log(np.cos(edge))) * self.standard_errors["k"]
-        return [
-            *rows,
-            ("residual of the light", self.sigma, np.nan, "grey levels"),
-            *tried,
-            ("light seen to", float(np.rad2deg(edge)), np.nan, "°"),
-            ("σ of the light there", at_edge, np.nan, "%"),
-        ]
+        values["light seen to"] = float(np.rad2deg(edge)), "°"
+        values["σ of the light there"] = at_edge, "%"
+        return list_rows(values, self.standard_errors)
 
     def relative_brdf(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return the BRDF's nodes θ, rad, its values relative to the node that is not fitted, their errors.

@@ -10,7 +10,6 @@ from typing import Self
 import cv2
 import numpy as np
 
-from endolab.calibration import constants
 from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.targets import Target
 from endolab.model.cameras import Camera
@@ -86,8 +85,7 @@ def sample_places(target: Target) -> tuple[FloatArray, IntArray]:
     """
     white = target.white_places()
     white = np.column_stack([white, np.ones(len(white))])
-    greys = target.grey_discs * [1, 1, constants.GREY_CLEARANCE, 1]
-    spots = np.concatenate([white, greys])
+    spots = np.concatenate([white, target.grey_discs])
     _, material = np.unique(-spots[:, 3], return_inverse=True)
     return readonly_copy(spots), material
 
@@ -99,19 +97,20 @@ def sample_sheet(
     camera: Camera,
     *,
     frame: int = 0,
-    most: int = constants.MOST_OF_A_FRAME,
+    most: int = 200,
 ) -> Samples:
     """Read the brightness of the paper in one frame: one channel, (H, W), stored values in [0, 1].
 
     Each sample lies at the centre of a pixel; its point is where the pixel's ray meets the panel. It is the
-    mean of a square of pixels, 3 × 3 in a large picture, else 1. At most `most` are kept, at random.
+    mean of a square of pixels, 3 × 3 in a large picture, else 1. At most `most` are kept, at random: more
+    would only make one frame count more than another.
     """
     spots, material = sample_places(target)
     panel = target.panel_of(spots)
     centre = np.column_stack([spots[:, :2], np.zeros(len(spots))])
     edges = np.array([[[1, 0, 0]], [[0, 1, 0]]]) * spots[:, 2, None]
     size = np.array(image.shape[::-1])
-    side = 3 if size[0] >= constants.LARGE_PICTURE else 1
+    side = 3 if size[0] >= 960 else 1
     half = side // 2
     mean = cv2.blur(image.astype(np.float32), (side, side))
     parts = []
@@ -121,25 +120,20 @@ def sample_sheet(
         pixel = camera.project(pose.transform(centre))
         axes = camera.project(pose.transform(centre + edges)) - pixel
         # The window's corner, the rounding to a pixel and its blur must all lie on bare paper,
-        # in the narrowest direction: the short axis of the ellipse that these two axes span.
+        # in the narrowest direction: the short axis of the ellipse that these two axes span. 1.5 px: half
+        # of rounding, the rest of blur.
         axes = np.nan_to_num(axes).transpose(1, 2, 0)
-        bare = (
-            np.linalg.svd(axes, compute_uv=False)[:, 1]
-            >= constants.RIM + np.sqrt(2) * side / 2
-        )
+        bare = np.linalg.svd(axes, compute_uv=False)[:, 1] >= 1.5 + np.sqrt(2) * side / 2
         nearest = np.round(pixel)
         inside = np.all((nearest >= half) & (nearest < size - half), axis=1)
-        rays = camera.unproject(nearest)
-        facing = rays @ pose.normal
-        height = pose.translation @ pose.normal
-        seen = bare & inside & (facing < 0) & (height < 0)
+        points = pose.meet(camera.unproject(nearest))
+        seen = bare & inside & np.isfinite(points[:, 0])
         read = np.flatnonzero(seen & (panel == number))
-        points = rays[read] * (height / facing[read])[:, None]
         column, row = nearest[read].astype(int).T
         level = mean[row, column].astype(np.float64)
         frames = np.full(len(read), frame)
         normals = np.tile(pose.normal, (len(read), 1))
-        parts.append(Samples(frames, level, points, normals, material[read]))
+        parts.append(Samples(frames, level, points[read], normals, material[read]))
     samples = Samples.concatenate(parts)
     if len(samples) <= most:
         return samples

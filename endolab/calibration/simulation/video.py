@@ -52,25 +52,25 @@ class SheetFrame:
 def rasterise(target: Target) -> tuple[Numbers, float]:
     """Reflectance of a sheet averaged over cells, from its upper left on; and the side of a cell, mm.
 
-    Exact for squares; the rim of a disc is taken as straight within a cell.
+    What is printed is taken to end at a straight line within a cell.
     """
     left, top, width, height = target.sheet
     step = max(FINEST, max(width, height) / MOST_CELLS)
     x = left + step * (np.arange(np.ceil(width / step)) + 0.5)
     y = top + step * (np.arange(np.ceil(height / step)) + 0.5)
     white = np.ones((len(y), len(x)), np.float32)
-    inked = [(x, y, radius, grey or BLACK) for x, y, radius, grey in target.discs]
-    inked += [(x + a / 2, y + a / 2, a / 2, BLACK) for x, y, a in target.squares]
-    for number, (across, down, half, reflectance) in enumerate(inked):
+    inked = [(*disc, np.hypot) for disc in target.discs.tolist()]
+    half = target.squares[:, 2:] / 2
+    middles = np.column_stack([target.squares[:, :2] + half, half, 0 * half])
+    inked += [(*square, np.maximum) for square in middles.tolist()]
+    for across, down, half, grey, distance in inked:
         reach = half + step
         row = slice(*np.searchsorted(y, [down - reach, down + reach]))
         column = slice(*np.searchsorted(x, [across - reach, across + reach]))
-        apart = np.ix_(np.abs(y[row] - down), np.abs(x[column] - across))
-        offset = [np.hypot(*apart)] if number < len(target.discs) else apart
-        # Shares of cells that lie within.
-        shares = [np.clip((half - one) / step + 0.5, 0, 1) for one in offset]
-        white[row, column] -= (1 - reflectance) * math.prod(shares)
-    return white, step
+        offset = distance.outer(np.abs(y[row] - down), np.abs(x[column] - across))
+        share = np.clip((half - offset) / step + 0.5, 0, 1)  # of a cell
+        white[row, column] -= (1 - (grey or BLACK)) * share
+    return np.maximum(white, BLACK), step
 
 
 def linear_light(
@@ -136,12 +136,7 @@ def render_sheet(
     white, step = rasterise(target)
     linear = np.zeros(rays.shape[:2])
     for number, pose in enumerate(panels):
-        height = pose.translation @ pose.normal
-        if height > 0:  # hidden by the other panel
-            continue
-        with nan_if_undefined():
-            facing = rays @ pose.normal
-            points = rays * np.where(facing < 0, height / facing, np.nan)[..., None]
+        points = pose.meet(rays)
         places = (points - pose.translation) @ pose.rotation[:, :2]
         places = np.nan_to_num(places, nan=FAR).astype(np.float32)
         fine = cv2.resize(places, None, fx=times, fy=times)
