@@ -59,11 +59,15 @@ class Refusal(Enum):
         "camera",
         f"{VIEWS_NEEDED}, got {{count}}: the sheet hardly moves in the {{views}} views",
     )
+    SQUARE = (
+        "camera",
+        "views square to the axis cannot tell the focal length from the distance: the sheet's largest tilt "
+        "is {tilt:.1f}°; tilt the sheet by 20° or more in some views",
+    )
     UNSURE_CAMERA = (
         "camera",
         "the views do not tell {name}: its standard error is {error:.0f} px; the sheet's largest tilt is "
-        "{tilt:.1f}°, and points lie up to {seen:.0f}° off the axis; tilt the sheet by 20° or more in some "
-        "views that fill the picture",
+        "{tilt:.1f}°, and points lie up to {seen:.0f}° off the axis; add tilted views that fill the picture",
     )
 
     FEW = (

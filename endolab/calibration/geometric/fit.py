@@ -274,6 +274,7 @@ def _refuse_untold(result: GeometricFit) -> None:
     still = len(places) < constants.LEAST_VIEWS
     Refusal.STILL.if_(still, count=len(places), views=len(result.poses))
     tilt = np.degrees(max(pose.tilt for pose in result.poses))
+    Refusal.SQUARE.if_(tilt < 5, tilt=tilt)
     facts = {"tilt": tilt, "seen": np.degrees(result.max_angle_seen)}
     for name in CAMERA_NAMES[:4]:
         error = result.standard_errors[name]
