@@ -68,7 +68,9 @@ def still_of(
     if problem.evidence is not None:
         left_out |= problem.evidence == NONE
     picture = rgba(problem.shown)
-    picture[left_out & (np.indices(left_out.shape).sum(axis=0) % 6 == 0), :3] ^= 128
+    hatched = left_out & (np.indices(left_out.shape).sum(axis=0) % 6 == 0)
+    is_dark = picture[hatched, :3].max(axis=-1, keepdims=True) < 128
+    picture[hatched, :3] = np.where(is_dark, 128, 64)
     cuts = np.zeros((height, width), np.uint8)
     if problem.cuts is not None:
         cuts = (problem.cuts[0] + 2 * problem.cuts[1]).astype(np.uint8)

@@ -1,15 +1,21 @@
 // The surface as triangles: a grid of pixels, torn along the crack where it is cut. No DOM here.
 
 /**
- * Lays triangles over every few pixels. Each corner of one has the distance of one pixel, up to a
- * crack, so that both sides reach it. `at` tells where a corner lies in the picture, 0 to 1.
+ * Lays triangles over every few pixels. Each corner of one has the distance of one pixel; up to a
+ * crack, which both sides reach, it goes on by a share of its step from the pixel behind that one.
+ * `at` tells where a corner lies in the picture, 0 to 1.
  * @param {{rays: Float32Array, cuts: Uint8Array, width: number, height: number}} frame
  */
 export function lay_grid({ rays, cuts, width, height }, step) {
-  const pixels = [], seen = [], at = [], corners = [];
+  const pixels = [], behind = [], shares = [], seen = [], at = [], corners = [];
   const columns = Math.ceil(width / step), rows = Math.ceil(height / step);
-  // On the way from one pixel to another, with the distance of the first.
+  // On the way from one pixel to another, on the side of the first.
   const add_corner = (from, to, share) => {
+    const back = 2 * from - to, by = Math.abs(to - from) / step, low = Math.min(back, from);
+    const is_there = by > 1 ? back >= 0 && back < width * height
+      : Math.floor(back / width) === Math.floor(from / width);
+    behind.push(is_there && !(crack(low, by, by > 1 ? 2 : 1) >= 0) ? back : from);
+    shares.push(share);
     const between = (one, other) => one + share * (other - one);
     for (const axis of [0, 1, 2]) seen.push(between(rays[3 * from + axis], rays[3 * to + axis]));
     at.push((between(from % width, to % width) + 0.5) / width,
@@ -46,5 +52,5 @@ export function lay_grid({ rays, cuts, width, height }, step) {
       for (let k = 1; k + 1 < fan.length; k++) corners.push(fan[0], fan[k + 1], fan[k]);
     }
   }
-  return { pixels, rays: seen, at, corners };
+  return { pixels, behind, shares, rays: seen, at, corners };
 }

@@ -135,8 +135,8 @@ export class Surface {
   lay(frame, step, which = 0) {
     const layer = this.layers[which], { cuts } = frame;
     if (layer.cuts === cuts && layer.step === step) return;
-    const { pixels, ...known } = lay_grid(frame, step);
-    Object.assign(layer, { pixels, cuts, step });
+    const { pixels, behind, shares, ...known } = lay_grid(frame, step);
+    Object.assign(layer, { pixels, behind, shares, cuts, step });
     this.fill_layer(which, known);
   }
 
@@ -149,8 +149,11 @@ export class Surface {
 
   /** Takes distances, and the box [low, high] that holds them. */
   show(map, box, which = 0) {
-    const { pixels } = this.layers[which], far = new Float32Array(pixels.length);
-    for (let p = 0; p < far.length; p++) far[p] = map[pixels[p]];
+    const { pixels, behind, shares } = this.layers[which], far = new Float32Array(pixels.length);
+    for (let p = 0; p < far.length; p++) {
+      const own = map[pixels[p]];
+      far[p] = own + (shares[p] * (own - map[behind[p]]) || 0); // nan beyond the mask
+    }
     this.box = box;
     this.fill_layer(which, { far });
     this.fill_layer(2, { rays: corners_of(box).flat() });

@@ -16,6 +16,22 @@ for (let i = 0; i < height; i++) {
 }
 const is_left = (pixel) => pixel % width <= edge(Math.floor(pixel / width));
 
+test("each side goes on to the crack as it came", () => {
+  const plane = (x, y, left) => (left ? 20 + x + 2 * y : 50 - 2 * x + y);
+  const map = Float32Array.from({ length: size }, (_, p) =>
+    plane(p % width, Math.floor(p / width), is_left(p)));
+  const { pixels, behind, shares, at } = lay_grid({ rays, cuts, width, height }, 1);
+  let torn = 0;
+  pixels.forEach((pixel, one) => {
+    if (behind[one] === pixel) return; // on the grid, or alone
+    torn += 1;
+    const far = map[pixel] + shares[one] * (map[pixel] - map[behind[one]]);
+    const [x, y] = [at[2 * one] * width - 0.5, at[2 * one + 1] * height - 0.5];
+    assert.ok(Math.abs(far - plane(x, y, is_left(pixel))) < 1e-4);
+  });
+  assert.ok(torn > 10);
+});
+
 for (const step of [1, 2, 4]) {
   test(`a crack leaves no hole, every ${step} px`, () => {
     const { pixels, at, corners } = lay_grid({ rays, cuts, width, height }, step);
