@@ -8,7 +8,7 @@ import { line_of } from "./sight.js";
 export function draw_section(store, panel, colours) {
   const { now, kept, cut: { is_row } } = store, { unit, width, height } = now.still;
   const index = line_of(store), { truth, cuts, distance, rays } = now.arrays, lines = [];
-  const brief = ({ label }) => label.split(" · ").slice(0, 2).join(" · ");
+  const brief = ({ label }) => label.split(" · ").slice(0, 2).join(" · ").replace(" order", "");
   const add_line = (map, cracks, name, colour) => {
     const x = [], y = [];
     for (let i = 0; i < (is_row ? width : height); i++) {
