@@ -39,6 +39,19 @@ FOLLOWED = (
     "max_iterations",
 )
 
+# Options beside the defaults, by what the page calls them.
+PRESETS: dict[str, dict[str, Any]] = {
+    "default": {},
+    "paper": {
+        "channel": "green",
+        "solver": "primal_dual",
+        "regulariser": "second",
+        "contours": False,
+        "highlights": "keep",
+    },
+    "fastest": {"channel": "green", "solver": "fast_marching"},
+}
+
 
 @dataclass(frozen=True)
 class Knobs(Settings):

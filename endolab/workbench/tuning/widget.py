@@ -52,25 +52,13 @@ from endolab.workbench.tuning.messages import (
 )
 from endolab.workbench.tuning.player import page_of
 from endolab.workbench.tuning.script import page_script
-from endolab.workbench.tuning.source import Knobs, Source
+from endolab.workbench.tuning.source import PRESETS, Knobs, Source
 
 # The page's controls, in order: how they are labelled, what they offer and how far they reach.
 KNOBS: list[dict[str, Any]] = json.loads(
     Path(__file__).with_name("knobs.json").read_text(encoding="utf-8")
 )
 WIDTHS = (160, 320, 480, 640)  # px, to choose among
-# Options beside the defaults, by what the page calls them.
-PRESETS: dict[str, dict[str, Any]] = {
-    "default": {},
-    "paper": {
-        "channel": "green",
-        "solver": "primal_dual",
-        "regulariser": "second",
-        "contours": False,
-        "highlights": "keep",
-    },
-    "fastest": {"channel": "green", "solver": "fast_marching"},
-}
 # Of random fields, for an uncertainty that somebody waits for: σ is off by a quarter or less.
 DRAWS = 8
 PAINTING = 0.5  # s; then the next picture is sent though the page has not said that the last is painted
