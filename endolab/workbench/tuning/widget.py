@@ -59,8 +59,7 @@ KNOBS: list[dict[str, Any]] = json.loads(
     Path(__file__).with_name("knobs.json").read_text(encoding="utf-8")
 )
 WIDTHS = (160, 320, 480, 640)  # px, to choose among
-# Of random fields, for an uncertainty that somebody waits for: σ is off by a quarter or less.
-DRAWS = 8
+DRAWS = 8  # of random fields, for a σ that is off by a quarter or less
 PAINTING = 0.5  # s; then the next picture is sent though the page has not said that the last is painted
 
 
@@ -195,11 +194,18 @@ class TunerBox(anywidget.AnyWidget):
     def turn(
         self, values: dict[str, Any], anew: bool = False, found: int | None = None
     ) -> None:
-        """Turn some knobs, and ask for what they say; returns at once.
+        """Turn some knobs by code, on the page too, and ask for what they say; returns at once.
 
         Light and contours stay as they are shown, if they can; or they are found `anew`; or are those of an
         answer before, whose message had the number `found`.
         """
+        self.send({"knobs": vars(replace(self.knobs, **values))})
+        self.follow(values, anew, found)
+
+    def follow(
+        self, values: dict[str, Any], anew: bool = False, found: int | None = None
+    ) -> None:
+        """Do as `turn`, where the page has turned them."""
         before = vars(self.knobs)
         self.knobs = replace(self.knobs, **values)
         self._turned = {name for name, value in values.items() if value != before[name]}

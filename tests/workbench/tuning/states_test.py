@@ -150,7 +150,7 @@ class Page:
         self.base = base if stays else after
         self.here = None
         self.wishes.append((after, self.base))
-        self.box.turn(json.loads(json.dumps(vars(after))), **how)
+        self.box.follow(json.loads(json.dumps(vars(after))), **how)
         if is_refused(after):
             self.rest()
             assert ("still shown" in self.now["line"]) == (after.scene == 2)

@@ -57,8 +57,19 @@ def tune(seen):
 
 def turn(box, **values):
     """Turn knobs as the page does, which says all of them."""
-    box.turn(json.loads(json.dumps(vars(box.knobs) | values)))
+    box.follow(json.loads(json.dumps(vars(box.knobs) | values)))
     box.engine.wait(60)
+
+
+def test_what_code_turns_the_page_is_told_before_its_answer(tune):
+    box, messages = tune()
+    messages.clear()
+    box.turn({"lam": 0.1})
+    box.engine.wait(60)
+    (first, _), *later = messages
+    assert first["knobs"]["lam"] == 0.1
+    assert [one["asked"] for one, _ in later if "asked" in one][-1] == first["knobs"]
+    assert sum("knobs" in one for one, _ in messages) == 1
 
 
 def test_each_map_that_a_panel_can_show_is_numbers_or_a_picture_of_the_frames_size(

@@ -88,6 +88,18 @@ test("an answer that comes after another wish is not one to go back to", () => {
   assert.equal(undo()[0], 1);
 });
 
+// The controls stayed where they were, and the next that was turned undid what code had turned.
+test("what code turns is shown by the controls, and can be undone", () => {
+  turn({ lam: 3 });
+  python.knobs = { ...python.knobs, lam: 0.1 };
+  say({ knobs: python.knobs });
+  python.state += 1;
+  answer();
+  assert.equal(store.now.knobs.lam, 0.1);
+  assert.equal(turn({ k: 2 })[0], 0.1);
+  assert.deepEqual([undo()[0], undo()[0], undo()[0]], [0.1, 3, 1]);
+});
+
 // A reset showed another answer than the first: of light and contours found under another λ.
 test("undo, reset and presets bring back what was found", () => {
   assert.deepEqual(turn({ lam: 5 }), [5, 0]);
