@@ -6,7 +6,9 @@ import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from tempfile import TemporaryDirectory, TemporaryFile
+from secrets import token_hex
+from shutil import rmtree
+from tempfile import TemporaryFile
 from typing import Any
 
 from endolab.numerics.checks import shorten
@@ -86,14 +88,20 @@ def check_writable(path: PathLike) -> None:
 @contextmanager
 def _stage(home: Path, target: Path) -> Iterator[Path]:
     """Give a place for the target in a temporary folder, in whose stead errors name the target."""
-    staging = target
+    # Its name is known before it is there, so that Ctrl-C leaves none.
+    folder = home / f".endolab-{token_hex(6)}"
+    staging = folder / target.name
     try:
-        with TemporaryDirectory(prefix=".endolab-", dir=home) as folder:
-            staging = Path(folder, target.name)
+        try:
+            folder.mkdir(0o700)
             yield staging
+        finally:
+            rmtree(folder, ignore_errors=True)
     except OSError as error:
         message = f"cannot write {target}: {error.strerror}" if error.errno else str(error)
         raise type(error)(message.replace(str(staging), str(target))) from error
+    finally:
+        rmtree(folder, ignore_errors=True)  # as an interrupt may have ended the first
 
 
 @contextmanager

@@ -1,5 +1,6 @@
 """Files and folders that are whole or not there."""
 
+import itertools
 import signal
 import subprocess
 import sys
@@ -7,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from endolab.io import atomic
 from endolab.io.atomic import (
     check_new,
     read_bytes,
@@ -124,3 +126,36 @@ def test_a_place_that_cannot_be_written_or_read_is_named(tmp_path, monkeypatch, 
 def test_json_is_read_whatever_its_byte_order_mark(encoding, tmp_path):
     (tmp_path / "a.json").write_text('{"from": "Gießen"}', encoding=encoding)
     assert read_json(tmp_path / "a.json", "file") == {"from": "Gießen"}
+
+
+def test_an_interrupt_at_whatever_line_leaves_a_whole_file_and_nothing_else(tmp_path):
+    """One that came while a temporary folder was made or removed left it there."""
+    target = tmp_path / "file"
+
+    def interrupt_at(number):
+        lines = itertools.count()
+
+        def trace(frame, event, arg):
+            is_own = frame.f_code.co_filename == atomic.__file__
+            if is_own and event == "line" and next(lines) == number:
+                raise KeyboardInterrupt
+            return trace
+
+        return trace
+
+    interrupted = 0
+    for number in range(1000):
+        target.write_bytes(b"before")
+        before = sys.gettrace()
+        sys.settrace(interrupt_at(number))
+        try:
+            write_atomically(target, b"after")
+        except KeyboardInterrupt:
+            interrupted += 1
+        finally:
+            sys.settrace(before)
+        assert target.read_bytes() in (b"before", b"after")
+        assert [path.name for path in tmp_path.iterdir()] == ["file"], number
+        if interrupted <= number:
+            break
+    assert 10 < interrupted < 1000
